@@ -1,0 +1,89 @@
+//! Drives: what turns an axle, and what it costs. `[eq:motor]`
+//!
+//! The command is a spin rate (rad/s), a torque at the wheel axle (N·m) or a terminal voltage (V).
+
+use crate::scalar::Scalar;
+
+/// A drive of one axle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive<T> {
+    /// No drive: the wheel turns freely.
+    None,
+    /// The wheel turns at the commanded rate (kinematic level).
+    Rate {
+        /// Largest spin rate, rad/s.
+        rate_max: T,
+    },
+    /// The commanded torque acts on the axle.
+    Torque {
+        /// Largest torque, N·m.
+        torque_max: T,
+    },
+    /// A DC motor behind a gearbox.
+    DcMotor(DcMotor<T>),
+}
+
+/// A brushed (or ideally commutated) DC motor with a gearbox of constant efficiency.
+///
+/// L İ = U − R I − K_e n φ̇, τ = η n K_M I at the axle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DcMotor<T> {
+    /// Armature resistance R, Ω.
+    pub resistance: T,
+    /// Armature inductance L, H.
+    pub inductance: T,
+    /// Torque constant K_M, N·m/A.
+    pub torque_constant: T,
+    /// Back-EMF constant K_e, V·s/rad.
+    pub back_emf_constant: T,
+    /// Gear ratio n, motor turns per wheel turn.
+    pub gear_ratio: T,
+    /// Efficiency η of the gearbox, constant-ratio model.
+    pub gear_efficiency: T,
+    /// Largest voltage of the supply, V.
+    pub voltage_max: T,
+    /// Largest current that the driver lets through, A.
+    pub current_max: T,
+}
+
+impl<T: Scalar> DcMotor<T> {
+    /// Torque at the axle per ampere, N·m/A.
+    #[inline(always)]
+    pub fn torque_per_current(&self) -> T {
+        self.gear_efficiency * self.gear_ratio * self.torque_constant
+    }
+
+    /// Back-EMF at an axle rate (rad/s), V.
+    #[inline(always)]
+    pub fn back_emf(&self, spin_rate: T) -> T {
+        self.back_emf_constant * self.gear_ratio * spin_rate
+    }
+
+    /// Voltage at the terminals, V: the command within the window E ± R I_max of the current limit
+    /// and within the supply.
+    ///
+    /// In that window L İ ≤ R (I_max − I), so that |I| never exceeds the limit once within it.
+    #[inline(always)]
+    pub fn terminal_voltage(&self, command: T, spin_rate: T) -> T {
+        let emf = self.back_emf(spin_rate);
+        let window = self.resistance * self.current_max;
+        let limited = command.max(emf - window).min(emf + window);
+        limited.max(-self.voltage_max).min(self.voltage_max)
+    }
+
+    /// Rate of the current, A/s.
+    #[inline(always)]
+    pub fn current_rate(&self, voltage: T, current: T, spin_rate: T) -> T {
+        (voltage - self.resistance * current - self.back_emf(spin_rate)) / self.inductance
+    }
+
+    /// Largest torque at the axle, at stall, N·m.
+    pub fn stall_torque(&self) -> T {
+        self.torque_per_current() * (self.voltage_max / self.resistance).min(self.current_max)
+    }
+
+    /// Spin rate of the axle without load, rad/s.
+    pub fn no_load_rate(&self) -> T {
+        self.voltage_max / (self.back_emf_constant * self.gear_ratio)
+    }
+}

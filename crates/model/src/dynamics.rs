@@ -1,0 +1,64 @@
+//! The border of mathematics: a continuous system with modes, and its inputs.
+
+use crate::scalar::Scalar;
+
+/// Sizes of the vectors of a system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sizes {
+    /// Length of the state x.
+    pub state: usize,
+    /// Length of the input u.
+    pub input: usize,
+    /// Length of the output y.
+    pub output: usize,
+    /// Length of the discrete mode.
+    pub mode: usize,
+    /// Number of guard functions.
+    pub guards: usize,
+}
+
+/// A continuous system with modes: ẋ = f(t, x, u; mode), y = g(t, x, u; mode). Pure and total.
+///
+/// The mode holds what is discrete: here, for each wheel with dry friction, the sense in which it
+/// turns (−1, +1) or 0 when it rests. A step of an integrator is `decide`, then `derivative` at
+/// constant mode, then `settle`.
+pub trait Dynamics<T: Scalar>: Send + Sync {
+    /// Sizes of all vectors.
+    fn sizes(&self) -> Sizes;
+    /// Rate of the state.
+    fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]);
+    /// Outputs at an instant.
+    fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]);
+    /// Chooses the mode for a step that begins here: what rests and would be pushed harder than
+    /// its friction holds, lets go.
+    fn decide(&self, x: &[T], u: &[T], mode: &mut [T]);
+    /// Ends a step: what turned over within it comes to rest, and redundant states are renewed.
+    fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]);
+    /// Functions that are positive while the mode holds; an adaptive step ends where one vanishes.
+    fn guards(&self, x: &[T], u: &[T], mode: &[T], g: &mut [T]);
+    /// The linear part of the stiff states, if the system has one: fills `matrix` (row-major,
+    /// k × k) of ż = A z + … for the consecutive states z = x[range], and returns that range.
+    fn linear_part(&self, _mode: &[T], _matrix: &mut [T]) -> Option<core::ops::Range<usize>> {
+        None
+    }
+    /// States for which a tolerance makes no sense because they repeat others or only keep books.
+    fn is_derived(&self, _index: usize) -> bool {
+        false
+    }
+}
+
+/// An input as a function of time.
+pub trait Input<T: Scalar> {
+    /// Writes the input at `t`, s, into `u`.
+    fn at(&self, t: f64, u: &mut [T]);
+}
+
+/// An input that is held.
+pub struct Held<'a, T>(pub &'a [T]);
+
+impl<T: Scalar> Input<T> for Held<'_, T> {
+    #[inline(always)]
+    fn at(&self, _t: f64, u: &mut [T]) {
+        u.copy_from_slice(self.0);
+    }
+}

@@ -1,0 +1,701 @@
+//! Integrators: Runge–Kutta 4 at a fixed step, an exponential method for motors, and an adaptive
+//! pair that finds events.
+//!
+//! Each step is: decide the mode, move at constant mode, settle. A jump of the input ends a step;
+//! seeing to that is the caller's part. Nothing allocates after construction.
+
+use crate::dynamics::{Dynamics, Input};
+use crate::scalar::{Mask, Scalar};
+
+/// The classical Runge–Kutta method of order 4.
+#[derive(Clone, Debug)]
+pub struct RungeKutta4<T> {
+    slope: Vec<T>,
+    sum: Vec<T>,
+    stage: Vec<T>,
+    input: Vec<T>,
+}
+
+/// An exponential midpoint method of order 2 (ETD2): the linear part of the stiff states is exact,
+/// the rest is taken at the middle of the step; states that only follow are summed by Simpson's
+/// rule. `[eq:etd]`
+#[derive(Clone, Debug)]
+pub struct Exponential<T: Scalar> {
+    size: usize,
+    step: f64,
+    /// Which modes the matrices were made for.
+    signature: Vec<T>,
+    linear: Vec<T>,
+    full: Propagator<T>,
+    half: Propagator<T>,
+    slopes: [Vec<T>; 3],
+    stage: Vec<T>,
+    start: Vec<T>,
+    rest: Vec<T>,
+    input: Vec<T>,
+    scratch: [Vec<T>; 3],
+}
+
+/// e^{Ah} and ∫₀ʰ e^{As} ds, row-major.
+#[derive(Clone, Debug)]
+struct Propagator<T> {
+    exponential: Vec<T>,
+    integral: Vec<T>,
+}
+
+/// Runs `$body` compiled for fused multiply-add where the processor has it. The bits are the same
+/// either way: `mul_add` is fused everywhere.
+macro_rules! dispatched {
+    ($(#[$meta:meta])* pub fn $name:ident<$t:ident, $s:ident, $i:ident>(&mut $self:ident, $($arg:ident: $ty:ty),* $(,)?) $body:block) => {
+        $(#[$meta])*
+        pub fn $name<$s: Dynamics<$t>, $i: Input<$t>>(&mut $self, $($arg: $ty),*) {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2,fma")]
+                fn fused<$t: Scalar, $s: Dynamics<$t>, $i: Input<$t>>(this: &mut Own<$t>, $($arg: $ty),*) {
+                    this.plain($($arg),*);
+                }
+                if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+                    // SAFETY: the features that `fused` is compiled for were found on this processor.
+                    #[allow(unsafe_code)]
+                    unsafe { fused($self, $($arg),*) };
+                    return;
+                }
+            }
+            $self.plain($($arg),*);
+        }
+        #[inline(always)]
+        #[allow(clippy::too_many_arguments)]
+        fn plain<$s: Dynamics<$t>, $i: Input<$t>>(&mut $self, $($arg: $ty),*) $body
+    };
+}
+
+mod rk4 {
+    use super::*;
+    type Own<T> = RungeKutta4<T>;
+
+    impl<T: Scalar> RungeKutta4<T> {
+        /// Order of the method.
+        pub const ORDER: u32 = 4;
+        /// Largest |h λ| on the negative real axis for which the method is stable.
+        pub const STABLE: f64 = 2.785;
+
+        /// Makes room for a system of this many states and inputs.
+        pub fn new(states: usize, inputs: usize) -> Self {
+            RungeKutta4 {
+                slope: vec![T::zero(); states],
+                sum: vec![T::zero(); states],
+                stage: vec![T::zero(); states],
+                input: vec![T::zero(); inputs],
+            }
+        }
+
+        dispatched! {
+            /// Advances x and mode from t to t + dt, s.
+            pub fn step<T, S, I>(
+                &mut self,
+                system: &S,
+                input: &I,
+                t: f64,
+                dt: f64,
+                x: &mut [T],
+                mode: &mut [T],
+            ) {
+                let n = x.len();
+                let (slope, sum, stage) =
+                    (&mut self.slope[..n], &mut self.sum[..n], &mut self.stage[..n]);
+                input.at(t, &mut self.input);
+                system.decide(x, &self.input, mode);
+                stage.copy_from_slice(x);
+                const AHEAD: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
+                const WEIGHT: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
+                for i in 0..4 {
+                    if i > 0 {
+                        input.at(t + AHEAD[i] * dt, &mut self.input);
+                        let ahead = T::from(AHEAD[i] * dt);
+                        for k in 0..n {
+                            stage[k] = ahead.mul_add(slope[k], x[k]);
+                        }
+                    }
+                    system.derivative(stage, &self.input, mode, slope);
+                    let weight = T::from(WEIGHT[i] * dt);
+                    if i == 0 {
+                        for k in 0..n {
+                            sum[k] = weight * slope[k];
+                        }
+                    } else {
+                        for k in 0..n {
+                            sum[k] = weight.mul_add(slope[k], sum[k]);
+                        }
+                    }
+                }
+                for k in 0..n {
+                    x[k] += sum[k];
+                }
+                system.settle(x, &self.input, mode);
+            }
+        }
+    }
+}
+
+mod etd {
+    use super::*;
+    type Own<T> = Exponential<T>;
+
+    impl<T: Scalar> Exponential<T> {
+        /// Order of the method.
+        pub const ORDER: u32 = 2;
+
+        /// Prepares steps of `step` seconds; `None` if the system has no constant linear part.
+        pub fn new<S: Dynamics<T>>(system: &S, step: f64) -> Option<Self> {
+            let sizes = system.sizes();
+            let mut linear = vec![T::zero(); sizes.state * sizes.state];
+            let free = vec![T::one(); sizes.mode];
+            let size = system.linear_part(&free, &mut linear)?.len();
+            let square = || vec![T::zero(); size * size];
+            let propagator = || Propagator {
+                exponential: square(),
+                integral: square(),
+            };
+            let states = || vec![T::zero(); sizes.state];
+            let mut method = Exponential {
+                size,
+                step,
+                signature: vec![T::one(); sizes.mode],
+                linear,
+                full: propagator(),
+                half: propagator(),
+                slopes: [states(), states(), states()],
+                stage: states(),
+                start: states(),
+                rest: vec![T::zero(); size],
+                input: vec![T::zero(); sizes.input],
+                scratch: [square(), square(), square()],
+            };
+            method.prepare(system, &free, step);
+            Some(method)
+        }
+
+        /// Remakes the matrices if a wheel began or ceased to stick, or the step changed.
+        #[inline(always)]
+        fn renew<S: Dynamics<T>>(&mut self, system: &S, mode: &[T], dt: f64) {
+            let mut changed = T::Mask::splat(dt != self.step);
+            for (old, new) in self.signature.iter().zip(mode) {
+                // Only rest matters for the linear part, not the sense of motion.
+                let moved = (new.abs() - old.abs()).abs();
+                changed = changed.or(T::zero().less(moved));
+            }
+            if changed.any() {
+                self.prepare(system, mode, dt);
+            }
+        }
+
+        #[inline(never)]
+        fn prepare<S: Dynamics<T>>(&mut self, system: &S, mode: &[T], dt: f64) {
+            self.step = dt;
+            self.signature.copy_from_slice(mode);
+            system.linear_part(mode, &mut self.linear);
+            let size = self.size;
+            for (propagator, time) in [(&mut self.half, 0.5 * dt), (&mut self.full, dt)] {
+                propagate(size, &self.linear, time, propagator, &mut self.scratch);
+            }
+        }
+
+        dispatched! {
+            /// Advances x and mode from t to t + dt, s.
+            pub fn step<T, S, I>(
+                &mut self,
+                system: &S,
+                input: &I,
+                t: f64,
+                dt: f64,
+                x: &mut [T],
+                mode: &mut [T],
+            ) {
+                let n = x.len();
+                let size = self.size;
+                input.at(t, &mut self.input);
+                system.decide(x, &self.input, mode);
+                self.renew(system, mode, dt);
+                let range = system
+                    .linear_part(mode, &mut self.scratch[2])
+                    .expect("a system keeps its linear part");
+                let half = T::from(0.5 * dt);
+                let whole = T::from(dt);
+                self.start[..n].copy_from_slice(x);
+                let [first, middle, last] = &mut self.slopes;
+
+                system.derivative(x, &self.input, mode, first);
+                remainder(size, &self.linear, &x[range.clone()], &first[range.clone()], &mut self.rest);
+                for k in 0..n {
+                    self.stage[k] = half.mul_add(first[k], x[k]);
+                }
+                self.half.apply(size, &self.start[range.clone()], &self.rest, &mut self.stage[range.clone()]);
+
+                input.at(t + 0.5 * dt, &mut self.input);
+                system.derivative(&self.stage, &self.input, mode, middle);
+                remainder(size, &self.linear, &self.stage[range.clone()], &middle[range.clone()], &mut self.rest);
+                for k in 0..n {
+                    let ahead = middle[k] + middle[k] - first[k];
+                    self.stage[k] = whole.mul_add(ahead, x[k]);
+                }
+                self.full.apply(size, &self.start[range.clone()], &self.rest, &mut self.stage[range.clone()]);
+
+                input.at(t + dt, &mut self.input);
+                system.derivative(&self.stage, &self.input, mode, last);
+                let (outer, inner) = (T::from(dt / 6.0), T::from(dt * (2.0 / 3.0)));
+                for k in 0..n {
+                    if range.contains(&k) {
+                        x[k] = self.stage[k];
+                    } else {
+                        let sum = outer * (first[k] + last[k]);
+                        x[k] += inner.mul_add(middle[k], sum);
+                    }
+                }
+                system.settle(x, &self.input, mode);
+            }
+        }
+    }
+}
+
+impl<T: Scalar> Propagator<T> {
+    /// z ← e^{Ah} z₀ + (∫ e^{As} ds) N.
+    #[inline(always)]
+    fn apply(&self, size: usize, start: &[T], rest: &[T], z: &mut [T]) {
+        for i in 0..size {
+            let mut sum = T::zero();
+            for k in 0..size {
+                sum = self.exponential[i * size + k].mul_add(start[k], sum);
+                sum = self.integral[i * size + k].mul_add(rest[k], sum);
+            }
+            z[i] = sum;
+        }
+    }
+}
+
+/// N = ż − A z.
+#[inline(always)]
+fn remainder<T: Scalar>(size: usize, linear: &[T], z: &[T], rate: &[T], rest: &mut [T]) {
+    for i in 0..size {
+        let mut sum = rate[i];
+        for k in 0..size {
+            sum = (-linear[i * size + k]).mul_add(z[k], sum);
+        }
+        rest[i] = sum;
+    }
+}
+
+/// e^{At} and its integral, by scaling (to ‖At‖ ≤ ½), Taylor's series and doubling.
+fn propagate<T: Scalar>(
+    size: usize,
+    linear: &[T],
+    time: f64,
+    result: &mut Propagator<T>,
+    scratch: &mut [Vec<T>; 3],
+) {
+    // At ‖At‖ ≤ ½ the 15th term is below 2⁻¹⁵/15! ≈ 2e-17.
+    const TERMS: usize = 15;
+    let norm = (0..T::LANES)
+        .flat_map(|lane| (0..size).map(move |i| (lane, i)))
+        .map(|(lane, i)| -> f64 {
+            (0..size)
+                .map(|k| linear[i * size + k].lane(lane).abs())
+                .sum()
+        })
+        .fold(0.0, f64::max);
+    let mut doublings = 0;
+    let mut short = time;
+    while norm * short > 0.5 && doublings < 60 {
+        short *= 0.5;
+        doublings += 1;
+    }
+    let [power, next, _] = scratch;
+    let (exponential, integral) = (&mut result.exponential, &mut result.integral);
+    let h = T::from(short);
+    for i in 0..size {
+        for k in 0..size {
+            let unit = if i == k { T::one() } else { T::zero() };
+            power[i * size + k] = unit;
+            exponential[i * size + k] = unit;
+            integral[i * size + k] = unit * h;
+        }
+    }
+    for term in 1..=TERMS {
+        multiply(size, power, linear, next);
+        let factor = h * T::from(1.0 / term as f64);
+        let spread = h * T::from(1.0 / (term + 1) as f64);
+        for k in 0..size * size {
+            power[k] = next[k] * factor;
+            exponential[k] += power[k];
+            integral[k] = power[k].mul_add(spread, integral[k]);
+        }
+    }
+    for _ in 0..doublings {
+        // ∫₀²ʰ = ∫₀ʰ + e^{Ah} ∫₀ʰ.
+        multiply(size, exponential, integral, next);
+        for k in 0..size * size {
+            integral[k] += next[k];
+        }
+        multiply(size, exponential, exponential, next);
+        exponential.copy_from_slice(&next[..size * size]);
+    }
+}
+
+fn multiply<T: Scalar>(size: usize, a: &[T], b: &[T], result: &mut [T]) {
+    for i in 0..size {
+        for j in 0..size {
+            let mut sum = T::zero();
+            for k in 0..size {
+                sum = a[i * size + k].mul_add(b[k * size + j], sum);
+            }
+            result[i * size + j] = sum;
+        }
+    }
+}
+
+/// Spectral radius of the Jacobian ∂ẋ/∂x at a state, 1/s: what decides whether a step is stable.
+pub fn spectral_radius<S: Dynamics<f64>>(system: &S, x: &[f64], u: &[f64], mode: &[f64]) -> f64 {
+    let n = x.len();
+    let mut jacobian = vec![0.0; n * n];
+    let (mut up, mut down) = (vec![0.0; n], vec![0.0; n]);
+    let mut moved = x.to_vec();
+    for k in 0..n {
+        let shift = 1e-6 * (1.0 + x[k].abs());
+        moved[k] = x[k] + shift;
+        system.derivative(&moved, u, mode, &mut up);
+        moved[k] = x[k] - shift;
+        system.derivative(&moved, u, mode, &mut down);
+        moved[k] = x[k];
+        for i in 0..n {
+            jacobian[i * n + k] = (up[i] - down[i]) / (2.0 * shift);
+        }
+    }
+    // ρ = lim ‖J^m‖^{1/m}: squared six times, with the scale taken out each time.
+    let mut log = 0.0;
+    let mut weight = 1.0;
+    let mut next = vec![0.0; n * n];
+    for _ in 0..7 {
+        let norm = jacobian.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        if norm == 0.0 {
+            return 0.0;
+        }
+        log += weight * Scalar::ln(norm);
+        weight *= 0.5;
+        for entry in &mut jacobian {
+            *entry /= norm;
+        }
+        multiply(n, &jacobian, &jacobian, &mut next);
+        core::mem::swap(&mut jacobian, &mut next);
+    }
+    Scalar::exp(log)
+}
+
+/// The pair of Tsitouras (2011), orders 5 and 4, with dense output; steps end at events.
+///
+/// Ch. Tsitouras, *Runge–Kutta pairs of order 5(4) satisfying only the first column simplifying
+/// assumption*, Computers & Mathematics with Applications 62 (2011) 770–775.
+#[derive(Clone, Debug)]
+pub struct Adaptive<T> {
+    /// Tolerance relative to each state.
+    pub relative: f64,
+    /// Tolerance in units of each state.
+    pub absolute: f64,
+    /// Largest step, s.
+    pub step_max: f64,
+    step: f64,
+    slopes: [Vec<T>; 7],
+    start: Vec<T>,
+    end: Vec<T>,
+    stage: Vec<T>,
+    input: Vec<T>,
+    before: Vec<T>,
+    after: Vec<T>,
+    last_step: f64,
+}
+
+/// Why an adaptive integration gave up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stalled {
+    /// The step fell below what time can resolve, at this time, s.
+    StepTooSmall(f64),
+    /// The state is no longer finite, at this time, s.
+    NotFinite(f64),
+}
+
+/// Nodes, weights and the difference of the two orders of Tsitouras' pair.
+mod tableau {
+    pub const C: [f64; 7] = [0.0, 0.161, 0.327, 0.9, 0.980_025_540_904_509_7, 1.0, 1.0];
+    pub const A: [[f64; 6]; 7] = [
+        [0.0; 6],
+        [0.161, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [
+            -0.008_480_655_492_356_989,
+            0.335_480_655_492_357,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ],
+        [
+            2.897_153_057_105_493_5,
+            -6.359_448_489_975_075,
+            4.362_295_432_869_581_5,
+            0.0,
+            0.0,
+            0.0,
+        ],
+        [
+            5.325_864_828_439_257,
+            -11.748_883_564_062_828,
+            7.495_539_342_889_836_5,
+            -0.092_495_066_361_755_25,
+            0.0,
+            0.0,
+        ],
+        [
+            5.861_455_442_946_42,
+            -12.920_969_317_847_11,
+            8.159_367_898_576_159,
+            -0.071_584_973_281_401,
+            -0.028_269_050_394_068_383,
+            0.0,
+        ],
+        [
+            0.096_460_766_818_065_23,
+            0.01,
+            0.479_889_650_414_499_6,
+            1.379_008_574_103_742,
+            -3.290_069_515_436_081,
+            2.324_710_524_099_774,
+        ],
+    ];
+    pub const DIFFERENCE: [f64; 7] = [
+        0.001_780_011_052_225_777_14,
+        0.000_816_434_459_656_746_9,
+        -0.007_880_878_010_261_995,
+        0.144_711_007_173_262_9,
+        -0.582_357_165_452_555_2,
+        0.458_082_105_929_186_97,
+        -1.0 / 66.0,
+    ];
+    /// Coefficients of θ, θ², θ³, θ⁴ of the weight of each slope in the dense output.
+    pub const DENSE: [[f64; 4]; 7] = [
+        [
+            1.0,
+            -2.763_706_197_274_826,
+            2.913_255_461_821_912_6,
+            -1.053_088_497_729_021_6,
+        ],
+        [0.0, 0.131_7, -0.223_4, 0.101_7],
+        [
+            0.0,
+            3.930_296_236_894_751_6,
+            -5.941_033_872_131_505,
+            2.490_627_285_651_253,
+        ],
+        [
+            0.0,
+            -12.411_077_166_933_676,
+            30.338_188_630_282_32,
+            -16.548_102_889_244_902,
+        ],
+        [
+            0.0,
+            37.509_313_416_511_04,
+            -88.178_904_894_766_4,
+            47.379_521_962_819_28,
+        ],
+        [
+            0.0,
+            -27.896_526_289_197_286,
+            65.091_894_674_793_66,
+            -34.870_657_861_496_61,
+        ],
+        [0.0, 1.5, -4.0, 2.5],
+    ];
+}
+
+impl<T: Scalar> Adaptive<T> {
+    /// Order of the method.
+    pub const ORDER: u32 = 5;
+
+    /// Makes room for `system`; tolerances as in the fields.
+    pub fn new<S: Dynamics<T>>(system: &S, relative: f64, absolute: f64) -> Self {
+        let sizes = system.sizes();
+        let states = || vec![T::zero(); sizes.state];
+        let guards = || vec![T::zero(); sizes.guards];
+        Adaptive {
+            relative,
+            absolute,
+            step_max: f64::INFINITY,
+            step: 1e-3,
+            slopes: core::array::from_fn(|_| states()),
+            start: states(),
+            end: states(),
+            stage: states(),
+            input: vec![T::zero(); sizes.input],
+            before: guards(),
+            after: guards(),
+            last_step: 0.0,
+        }
+    }
+
+    /// Integrates from t to `end`, s; the input must be smooth in between. With `watch`, stops
+    /// where that function of the state changes sign. Returns the time reached.
+    #[allow(clippy::too_many_arguments)]
+    pub fn advance<S: Dynamics<T>, I: Input<T>>(
+        &mut self,
+        system: &S,
+        input: &I,
+        mut t: f64,
+        end: f64,
+        x: &mut [T],
+        mode: &mut [T],
+        watch: Option<&dyn Fn(&[T]) -> f64>,
+    ) -> Result<f64, Stalled> {
+        while t < end {
+            input.at(t, &mut self.input);
+            system.decide(x, &self.input, mode);
+            self.start.copy_from_slice(x);
+            system.guards(&self.start, &self.input, mode, &mut self.before);
+            let watched = watch.map(|function| function(x));
+            let remaining = end - t;
+            let mut h = self.step.min(self.step_max).min(remaining);
+            loop {
+                if h < 1e-14 * t.abs().max(1e-3) {
+                    return Err(Stalled::StepTooSmall(t));
+                }
+                let error = self.attempt(system, input, t, h, mode);
+                if !error.is_finite() {
+                    if h < 1e-12 {
+                        return Err(Stalled::NotFinite(t));
+                    }
+                    h *= 0.1;
+                    continue;
+                }
+                // The usual controller of a method of order 5, with its safety factor.
+                let root = Scalar::exp(0.2 * Scalar::ln(error.max(1e-10)));
+                let factor = (0.9 / root).clamp(0.2, 5.0);
+                if error <= 1.0 {
+                    if h >= remaining {
+                        self.step = self.step.max(h * factor);
+                    } else {
+                        self.step = h * factor;
+                    }
+                    break;
+                }
+                h *= factor.min(0.9);
+            }
+            let crossed = |method: &mut Self, h: f64| -> f64 {
+                input.at(t + h, &mut method.input);
+                system.guards(&method.end, &method.input, mode, &mut method.after);
+                let mut lowest = f64::INFINITY;
+                for (before, after) in method.before.iter().zip(&method.after) {
+                    if before.lane(0) > 0.0 {
+                        lowest = lowest.min(after.lane(0));
+                    }
+                }
+                if let (Some(function), Some(was)) = (watch, watched)
+                    && was != 0.0
+                {
+                    lowest = lowest.min(function(&method.end) * was.signum());
+                }
+                lowest
+            };
+            let mut lowest = crossed(self, h);
+            if lowest <= 0.0 {
+                // Bisection of the step itself: every trial is integrated afresh, so the event is
+                // as exact as the method, and the accepted end lies just beyond it.
+                let (mut low, mut high) = (0.0, h);
+                while high - low > 1e-14 * (1.0 + t.abs()) {
+                    let middle = 0.5 * (low + high);
+                    self.attempt(system, input, t, middle, mode);
+                    lowest = crossed(self, middle);
+                    if lowest <= 0.0 {
+                        high = middle;
+                    } else {
+                        low = middle;
+                    }
+                }
+                h = high;
+                self.attempt(system, input, t, h, mode);
+            }
+            let stopped = match (watch, watched) {
+                (Some(function), Some(was)) if was != 0.0 => {
+                    function(&self.end) * was.signum() <= 0.0
+                }
+                _ => false,
+            };
+            x.copy_from_slice(&self.end);
+            t = if h >= remaining { end } else { t + h };
+            self.last_step = h;
+            input.at(t, &mut self.input);
+            system.settle(x, &self.input, mode);
+            if !x.iter().all(|value| value.is_finite().all()) {
+                return Err(Stalled::NotFinite(t));
+            }
+            if stopped {
+                return Ok(t);
+            }
+        }
+        Ok(t)
+    }
+
+    /// State within the last step at θ ∈ [0, 1] of it, to order 4.
+    pub fn interpolate(&self, theta: f64, x: &mut [T]) {
+        for (k, value) in x.iter_mut().enumerate() {
+            let mut sum = self.start[k];
+            for (slope, c) in self.slopes.iter().zip(tableau::DENSE) {
+                let weight = theta * (c[0] + theta * (c[1] + theta * (c[2] + theta * c[3])));
+                sum = T::from(weight * self.last_step).mul_add(slope[k], sum);
+            }
+            *value = sum;
+        }
+    }
+
+    /// One step from `start` into `end`; the error in units of the tolerance.
+    fn attempt<S: Dynamics<T>, I: Input<T>>(
+        &mut self,
+        system: &S,
+        input: &I,
+        t: f64,
+        h: f64,
+        mode: &[T],
+    ) -> f64 {
+        let n = self.start.len();
+        for i in 0..7 {
+            self.stage.copy_from_slice(&self.start);
+            for (j, &a) in tableau::A[i].iter().enumerate().take(i) {
+                let weight = T::from(a * h);
+                for k in 0..n {
+                    self.stage[k] = weight.mul_add(self.slopes[j][k], self.stage[k]);
+                }
+            }
+            input.at(t + tableau::C[i] * h, &mut self.input);
+            system.derivative(&self.stage, &self.input, mode, &mut self.slopes[i]);
+        }
+        // The seventh stage is the solution of order 5.
+        self.end.copy_from_slice(&self.stage);
+        let mut worst: f64 = 0.0;
+        for k in 0..n {
+            if system.is_derived(k) {
+                continue;
+            }
+            let mut error = 0.0;
+            for (slope, weight) in self.slopes.iter().zip(tableau::DIFFERENCE) {
+                error += weight * slope[k].lane(0);
+            }
+            let size = self.start[k].lane(0).abs().max(self.end[k].lane(0).abs());
+            let scaled = (h * error).abs() / (self.absolute + self.relative * size);
+            worst = if scaled.is_nan() {
+                f64::NAN
+            } else {
+                worst.max(scaled)
+            };
+            if worst.is_nan() {
+                return worst;
+            }
+        }
+        worst
+    }
+}

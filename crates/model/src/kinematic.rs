@@ -1,0 +1,232 @@
+//! Level `kinematic`: the rates of the driven wheels command the twist. `[eq:kinematic]`
+//!
+//! The twist is the one whose wheel rates are closest to the commanded ones (least squares), and
+//! exactly theirs where the commands agree with one another. Base frame; rates in rad/s.
+
+use crate::drive::Drive;
+use crate::dynamics::{Dynamics, Sizes};
+use crate::platform::{LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::{
+    Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row,
+};
+
+/// A platform whose wheels turn as commanded.
+#[derive(Clone, Debug)]
+pub struct Kinematic<T: Scalar> {
+    platform: Platform<T>,
+    /// Wheels whose rates are commanded.
+    driven: Vec<usize>,
+    /// Spin rows and inverse normal matrix, where the geometry does not change.
+    constant: Option<([Row<T>; MAX_WHEELS], Square<T>)>,
+}
+
+impl<T: Scalar> Kinematic<T> {
+    /// Takes the wheels with a drive as those whose rates are commanded. `None` if they do not
+    /// determine the motion.
+    pub fn new(platform: Platform<T>) -> Option<Self> {
+        let driven: Vec<usize> = (0..platform.wheels().len())
+            .filter(|&i| !matches!(platform.wheels()[i].drive, Drive::None))
+            .collect();
+        let mut kinematic = Kinematic {
+            platform,
+            driven,
+            constant: None,
+        };
+        let straight = vec![T::zero(); kinematic.platform.layout().state()];
+        let mut x = straight;
+        x[YAW + 1] = T::one();
+        for k in 0..kinematic.platform.layout().swivels.len() {
+            let at = kinematic.platform.layout().swivel(k);
+            x[at + 1] = T::one();
+        }
+        let (rows, normal) = kinematic.normal(&x);
+        if !is_regular(kinematic.platform.layout().eta, &normal) {
+            return None;
+        }
+        if kinematic.platform.layout().constant {
+            let n = kinematic.platform.layout().dof();
+            kinematic.constant = Some((rows, invert(n, &normal)));
+        }
+        Some(kinematic)
+    }
+
+    /// The platform.
+    pub fn platform(&self) -> &Platform<T> {
+        &self.platform
+    }
+
+    /// Rows of the commanded rates, and the normal matrix of the least-squares problem.
+    fn normal(&self, x: &[T]) -> ([Row<T>; MAX_WHEELS], Square<T>) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let mut rows = [zero_row(); MAX_WHEELS];
+        let mut normal = [zero_row(); MAX_DOF];
+        for &i in &self.driven {
+            let frame = self.platform.wheel_frame(i, x);
+            rows[i] = self.platform.spin_row(i, &frame);
+            add_outer(n, &mut normal, T::one(), &rows[i], &rows[i]);
+        }
+        for (k, &i) in layout.steered.iter().enumerate() {
+            // Constraints may be added to the sum of squares without moving its constrained minimum;
+            // they make the matrix regular.
+            let frame = self.platform.wheel_frame(i, x);
+            if self.platform.wheels()[i].is_plain() {
+                let row = self.platform.lateral_row(&frame);
+                add_outer(n, &mut normal, T::one(), &row, &row);
+            }
+            normal[layout.eta + k][layout.eta + k] += T::one();
+        }
+        (rows, normal)
+    }
+
+    /// Velocity coordinates for commanded wheel rates (rad/s) and steering rates (rad/s).
+    #[inline(always)]
+    pub fn velocity(&self, x: &[T], u: &[T]) -> Row<T> {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let varying;
+        let (rows, inverse) = match &self.constant {
+            Some((rows, inverse)) => (rows, inverse),
+            None => {
+                let (rows, normal) = self.normal(x);
+                varying = (rows, invert(n, &normal));
+                (&varying.0, &varying.1)
+            }
+        };
+        let mut right = zero_row();
+        for &i in &self.driven {
+            let command = self.rate(i, u);
+            for k in 0..n {
+                right[k] = rows[i][k].mul_add(command, right[k]);
+            }
+        }
+        for k in 0..layout.steered.len() {
+            right[layout.eta + k] += u[layout.steering_input() + k];
+        }
+        let mut v = product(n, inverse, &right);
+        if !layout.steered.is_empty() {
+            let mut mobility = Mobility::new(n, inverse);
+            for &i in &layout.steered {
+                if self.platform.wheels()[i].is_plain() {
+                    let frame = self.platform.wheel_frame(i, x);
+                    let condition = Condition {
+                        row: self.platform.lateral_row(&frame),
+                        value: T::zero(),
+                        active: T::Mask::splat(true),
+                    };
+                    mobility.impose(&condition, &mut v);
+                }
+            }
+        }
+        v
+    }
+
+    /// Commanded rate of wheel i within the limit of its drive, rad/s.
+    #[inline(always)]
+    fn rate(&self, i: usize, u: &[T]) -> T {
+        match &self.platform.wheels()[i].drive {
+            Drive::Rate { rate_max } => u[i].max(-*rate_max).min(*rate_max),
+            Drive::None | Drive::Torque { .. } | Drive::DcMotor(_) => u[i],
+        }
+    }
+}
+
+/// Whether the leading block is safely invertible, on nominal values.
+fn is_regular<T: Scalar>(n: usize, matrix: &Square<T>) -> bool {
+    let mut a = [[0.0; MAX_DOF]; MAX_DOF];
+    for i in 0..n {
+        for j in 0..n {
+            a[i][j] = matrix[i][j].lane(0);
+        }
+    }
+    let trace: f64 = (0..n).map(|k| a[k][k]).sum();
+    for k in 0..n {
+        if a[k][k] <= 1e-12 * trace {
+            return false;
+        }
+        for i in k + 1..n {
+            let factor = a[i][k] / a[k][k];
+            for j in k..n {
+                a[i][j] -= factor * a[k][j];
+            }
+        }
+    }
+    true
+}
+
+impl<T: Scalar> Dynamics<T> for Kinematic<T> {
+    fn sizes(&self) -> Sizes {
+        let layout = self.platform.layout();
+        Sizes {
+            state: layout.state(),
+            input: layout.input(),
+            output: layout.output(),
+            mode: layout.wheels,
+            guards: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn derivative(&self, x: &[T], u: &[T], _mode: &[T], dx: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let v = self.velocity(x, u);
+        let (velocity, yaw_rate) = self.platform.twist(&v);
+        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
+        let travel = velocity.rotated(cos, sin);
+        dx[0] = travel.x;
+        dx[1] = travel.y;
+        dx[YAW] = yaw_rate;
+        dx[YAW + 1] = -(sin * yaw_rate);
+        dx[YAW + 2] = cos * yaw_rate;
+        for (k, &i) in layout.swivels.iter().enumerate() {
+            let frame = self.platform.wheel_frame(i, x);
+            let rate = dot(n, &self.platform.swivel_row(i, &frame), &v);
+            let at = layout.swivel(k);
+            dx[at] = rate;
+            dx[at + 1] = -(x[at + 2] * rate);
+            dx[at + 2] = x[at + 1] * rate;
+        }
+        for i in 0..layout.wheels {
+            let frame = self.platform.wheel_frame(i, x);
+            dx[layout.spin(i)] = dot(n, &self.platform.spin_row(i, &frame), &v);
+        }
+        // Wheels that turn as commanded have no momentum and use no energy.
+        for rate in &mut dx[layout.velocity()..layout.ledger() + LEDGER] {
+            *rate = T::zero();
+        }
+    }
+
+    fn output(&self, x: &[T], u: &[T], _mode: &[T], y: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        for value in y.iter_mut() {
+            *value = T::zero();
+        }
+        let v = self.velocity(x, u);
+        let (velocity, yaw_rate) = self.platform.twist(&v);
+        y[0] = velocity.x;
+        y[1] = velocity.y;
+        y[2] = yaw_rate;
+        for i in 0..layout.wheels {
+            let frame = self.platform.wheel_frame(i, x);
+            y[layout.wheel_output(i, WheelOutput::SpinRate)] =
+                dot(n, &self.platform.spin_row(i, &frame), &v);
+            y[layout.wheel_output(i, WheelOutput::SteeringRate)] =
+                dot(n, &self.platform.swivel_row(i, &frame), &v);
+        }
+    }
+
+    fn decide(&self, _x: &[T], _u: &[T], _mode: &mut [T]) {}
+
+    fn settle(&self, x: &mut [T], _u: &[T], _mode: &mut [T]) {
+        self.platform.renew_angles(x);
+    }
+
+    fn guards(&self, _x: &[T], _u: &[T], _mode: &[T], _g: &mut [T]) {}
+
+    fn is_derived(&self, index: usize) -> bool {
+        self.platform.repeats_angle(index)
+    }
+}

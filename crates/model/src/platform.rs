@@ -1,0 +1,714 @@
+//! The platform: a body on wheels, its coordinates, and its reduced equations.
+//!
+//! Base frame at the reference point P. The velocity coordinates are v = (η, ζ): η spans the twists
+//! that the fixed wheels allow, (V_x, V_y, ω) = Σ η with a constant Σ, and ζ are the rates of the
+//! steered wheels. Everything else follows from the constraints: γ̇ of a caster and φ̇ of every
+//! wheel are rows over v. `[eq:constraints]` `[eq:reduced-dynamics]`
+
+use crate::drive::{DcMotor, Drive};
+use crate::planar::{Vec2, vec2};
+use crate::scalar::Scalar;
+use crate::solve::{MAX_DOF, Row, Square, add_outer, dot, zero_row};
+use crate::wheel::{Rim, Steering, Wheel, WheelFrame};
+
+/// Largest number of wheels of a platform.
+pub const MAX_WHEELS: usize = 12;
+
+/// The rigid body that carries the wheels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Body<T> {
+    /// Mass without the wheels, kg.
+    pub mass: T,
+    /// Yaw inertia about its own centre of mass, kg·m².
+    pub inertia_com: T,
+    /// Centre of mass in the base frame, m.
+    pub center_of_mass: Vec2<T>,
+    /// Height of the centre of mass above the ground, m.
+    pub com_height: T,
+}
+
+/// A body on wheels, checked.
+#[derive(Clone, Debug)]
+pub struct Platform<T> {
+    body: Body<T>,
+    wheels: Vec<Wheel<T>>,
+    layout: Layout,
+    /// Columns of Σ, as (x, y, yaw) rows over η.
+    basis: [Row<T>; 3],
+}
+
+/// Why a set of wheels is no platform.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PlatformError {
+    /// There are no wheels, or more than [`MAX_WHEELS`].
+    WheelCount(usize),
+    /// More steered wheels than velocity coordinates can hold.
+    SteeredCount(usize),
+    /// The lateral constraints of the fixed wheels leave no motion.
+    Locked,
+    /// Rollers along the wheel plane resist nothing (|δ| = π/2); the wheel's name.
+    RollerAngle(String),
+    /// A roller rim on a caster; the wheel's name.
+    RollersOnCaster(String),
+    /// A caster without trail does not swivel; the wheel's name.
+    NoTrail(String),
+}
+
+/// Where each quantity stands in the state, input and output vectors.
+///
+/// State: x, y, θ, cos θ, sin θ | γ, cos γ, sin γ of each swivelling wheel | φ of each wheel |
+/// v | currents | energy ledger. Input: command of each wheel | torque (rolling) or rate
+/// (kinematic) of each steered wheel | brake in [0, 1] | external wrench (F_x, F_y, M_z), base axes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Number of wheels.
+    pub wheels: usize,
+    /// Wheels that swivel, in the order of their states.
+    pub swivels: Vec<usize>,
+    /// Wheels steered by a motor, in the order of ζ.
+    pub steered: Vec<usize>,
+    /// Wheels with the state of a motor current.
+    pub motors: Vec<usize>,
+    /// Number of η.
+    pub eta: usize,
+    /// Whether every swivelling wheel is a caster without mass and loss, so that S is constant.
+    pub constant: bool,
+    /// Rank of the lateral rows of the fixed wheels.
+    pub fixed_rank: usize,
+}
+
+/// Index of yaw, cos yaw and sin yaw in the state.
+pub const YAW: usize = 2;
+/// First index after the pose.
+const POSE: usize = 5;
+/// Entries of the energy ledger: supplied, heat of windings, heat of gears, heat of friction, J.
+pub const LEDGER: usize = 4;
+/// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy.
+pub const BODY_OUTPUTS: usize = 6;
+/// Outputs of each wheel, see [`WheelOutput`].
+pub const WHEEL_OUTPUTS: usize = 7;
+
+/// The outputs of a wheel, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum WheelOutput {
+    /// Spin rate φ̇, rad/s.
+    SpinRate,
+    /// Steering rate γ̇, rad/s.
+    SteeringRate,
+    /// Torque of the drive at the axle, N·m.
+    Torque,
+    /// Current of the motor, A.
+    Current,
+    /// Force of the ground along the wheel's rolling direction or roller axis, N.
+    Longitudinal,
+    /// Force of the ground along the axle, N.
+    Lateral,
+    /// Normal load, N.
+    Load,
+}
+
+impl Layout {
+    /// Number of velocity coordinates.
+    #[inline(always)]
+    pub fn dof(&self) -> usize {
+        self.eta + self.steered.len()
+    }
+    /// Index of γ of the k-th swivelling wheel (cos γ and sin γ follow).
+    #[inline(always)]
+    pub fn swivel(&self, k: usize) -> usize {
+        POSE + 3 * k
+    }
+    /// Index of φ of wheel i.
+    #[inline(always)]
+    pub fn spin(&self, i: usize) -> usize {
+        POSE + 3 * self.swivels.len() + i
+    }
+    /// Index of the first velocity coordinate.
+    #[inline(always)]
+    pub fn velocity(&self) -> usize {
+        self.spin(self.wheels)
+    }
+    /// Index of the first motor current.
+    #[inline(always)]
+    pub fn current(&self) -> usize {
+        self.velocity() + self.dof()
+    }
+    /// Index of the first entry of the energy ledger.
+    #[inline(always)]
+    pub fn ledger(&self) -> usize {
+        self.current() + self.motors.len()
+    }
+    /// Length of the state.
+    #[inline(always)]
+    pub fn state(&self) -> usize {
+        self.ledger() + LEDGER
+    }
+    /// Index of the first steering command in the input.
+    #[inline(always)]
+    pub fn steering_input(&self) -> usize {
+        self.wheels
+    }
+    /// Index of the brake command in the input.
+    #[inline(always)]
+    pub fn brake_input(&self) -> usize {
+        self.wheels + self.steered.len()
+    }
+    /// Index of the first component of the external wrench in the input.
+    #[inline(always)]
+    pub fn wrench_input(&self) -> usize {
+        self.brake_input() + 1
+    }
+    /// Length of the input.
+    #[inline(always)]
+    pub fn input(&self) -> usize {
+        self.wrench_input() + 3
+    }
+    /// Index of an output of wheel i.
+    #[inline(always)]
+    pub fn wheel_output(&self, i: usize, what: WheelOutput) -> usize {
+        BODY_OUTPUTS + WHEEL_OUTPUTS * i + what as usize
+    }
+    /// Length of the output.
+    #[inline(always)]
+    pub fn output(&self) -> usize {
+        BODY_OUTPUTS + WHEEL_OUTPUTS * self.wheels
+    }
+}
+
+/// The reduced equations at an instant: rows over v of all dependent rates, mass matrix, and the
+/// terms that are quadratic in v. `[eq:reduced-dynamics]`
+#[derive(Clone, Copy, Debug)]
+pub struct Reduced<T> {
+    /// φ̇_i = spin[i] · v.
+    pub spin: [Row<T>; MAX_WHEELS],
+    /// γ̇_i = swivel[i] · v (zero for wheels that do not swivel).
+    pub swivel: [Row<T>; MAX_WHEELS],
+    /// Reduced mass matrix SᵀMS.
+    pub mass: Square<T>,
+    /// G = Σ m_k J_kᵀ Ω J_k, antisymmetric: the quadratic terms are ω G v. `[eq:constant-geometry]`
+    pub gyro: Square<T>,
+    /// Σ m_k J_k: (rows for x and y) the map from v to momentum, which gravity acts through.
+    pub momentum: [Row<T>; 2],
+}
+
+/// Accelerations of one wheel at v̇ = 0, from the turning of its plane.
+#[derive(Clone, Copy, Debug)]
+pub struct Convective<T> {
+    /// Of the contact point without ω Ω v_k, base axes, m/s².
+    pub contact: Vec2<T>,
+    /// γ̈, rad/s².
+    pub swivel: T,
+    /// φ̈, rad/s².
+    pub spin: T,
+}
+
+fn nominal<T: Scalar>(value: T) -> f64 {
+    value.lane(0)
+}
+
+impl<T: Scalar> Platform<T> {
+    /// Checks the wheels and finds the coordinates.
+    pub fn new(body: Body<T>, wheels: Vec<Wheel<T>>) -> Result<Self, PlatformError> {
+        if wheels.is_empty() || wheels.len() > MAX_WHEELS {
+            return Err(PlatformError::WheelCount(wheels.len()));
+        }
+        for wheel in &wheels {
+            if let Steering::Free { trail } = wheel.steering {
+                if nominal(trail) == 0.0 {
+                    return Err(PlatformError::NoTrail(wheel.name.clone()));
+                }
+                if !wheel.is_plain() {
+                    return Err(PlatformError::RollersOnCaster(wheel.name.clone()));
+                }
+            }
+            if let Rim::Rollers { angle } = wheel.rim
+                && nominal(angle.sin_cos().1) < 1e-6
+            {
+                return Err(PlatformError::RollerAngle(wheel.name.clone()));
+            }
+        }
+        let (basis, eta) = fixed_basis(&wheels)?;
+        let select = |keep: &dyn Fn(&Wheel<T>) -> bool| -> Vec<usize> {
+            (0..wheels.len()).filter(|&i| keep(&wheels[i])).collect()
+        };
+        let steered = select(&|w| matches!(w.steering, Steering::Driven));
+        if eta + steered.len() > MAX_DOF {
+            return Err(PlatformError::SteeredCount(steered.len()));
+        }
+        let layout = Layout {
+            wheels: wheels.len(),
+            swivels: select(&Wheel::swivels),
+            steered,
+            motors: select(&|w| has_current(&w.drive)),
+            eta,
+            constant: wheels.iter().all(|w| !w.swivels() || is_follower(w)),
+            fixed_rank: 3 - eta,
+        };
+        Ok(Platform {
+            body,
+            wheels,
+            layout,
+            basis,
+        })
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Body<T> {
+        &self.body
+    }
+
+    /// The wheels.
+    pub fn wheels(&self) -> &[Wheel<T>] {
+        &self.wheels
+    }
+
+    /// The order of states, inputs and outputs.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Mass with wheels, kg.
+    pub fn total_mass(&self) -> T {
+        let mut mass = self.body.mass;
+        for wheel in &self.wheels {
+            mass += wheel.mass;
+        }
+        mass
+    }
+
+    /// The same platform with every number passed through `value`, called with its path
+    /// (`body.mass`, `wheel.left.radius`): the one place where lanes and dual numbers come in.
+    pub fn map<U: Scalar>(&self, value: &mut dyn FnMut(&str, T) -> U) -> Platform<U> {
+        let body = Body {
+            mass: value("body.mass", self.body.mass),
+            inertia_com: value("body.inertia_com", self.body.inertia_com),
+            center_of_mass: vec2(
+                value("body.center_of_mass.x", self.body.center_of_mass.x),
+                value("body.center_of_mass.y", self.body.center_of_mass.y),
+            ),
+            com_height: value("body.center_of_mass.z", self.body.com_height),
+        };
+        let wheels = self.wheels.iter().map(|w| map_wheel(w, value)).collect();
+        Platform::new(body, wheels).expect("a checked platform stays one in another scalar")
+    }
+
+    /// Twist (V_x, V_y, ω) of P in base axes for velocity coordinates v.
+    #[inline(always)]
+    pub fn twist(&self, v: &[T]) -> (Vec2<T>, T) {
+        let eta = self.layout.eta;
+        (
+            vec2(dot(eta, &self.basis[0], v), dot(eta, &self.basis[1], v)),
+            dot(eta, &self.basis[2], v),
+        )
+    }
+
+    /// Velocity coordinates for a twist and steering rates: the closest that the fixed wheels allow.
+    pub fn velocity_from_twist(&self, velocity: Vec2<T>, yaw_rate: T, steering: &[T]) -> Row<T> {
+        let eta = self.layout.eta;
+        let mut normal = [[T::zero(); 3]; 3];
+        let mut right = [T::zero(); 3];
+        let twist = [velocity.x, velocity.y, yaw_rate];
+        for i in 0..eta {
+            for k in 0..3 {
+                right[i] = self.basis[k][i].mul_add(twist[k], right[i]);
+                for j in 0..eta {
+                    normal[i][j] = self.basis[k][i].mul_add(self.basis[k][j], normal[i][j]);
+                }
+            }
+        }
+        let solved = crate::solve::solve_semidefinite(eta, normal, right, T::from(1e-12));
+        let mut v = zero_row();
+        v[..eta].copy_from_slice(&solved[..eta]);
+        v[eta..eta + steering.len()].copy_from_slice(steering);
+        v
+    }
+
+    /// Renews the cosines and sines that the state carries beside its angles.
+    #[inline(always)]
+    pub fn renew_angles(&self, x: &mut [T]) {
+        let angles = (0..self.layout.swivels.len()).map(|k| self.layout.swivel(k));
+        for at in core::iter::once(YAW).chain(angles) {
+            let (sin, cos) = x[at].sin_cos();
+            x[at + 1] = cos;
+            x[at + 2] = sin;
+        }
+    }
+
+    /// Whether a state is the cosine or sine of another one.
+    pub fn repeats_angle(&self, index: usize) -> bool {
+        let angles = (0..self.layout.swivels.len()).map(|k| self.layout.swivel(k));
+        core::iter::once(YAW)
+            .chain(angles)
+            .any(|at| index == at + 1 || index == at + 2)
+    }
+
+    /// Frame of wheel i for a state x.
+    #[inline(always)]
+    pub fn wheel_frame(&self, i: usize, x: &[T]) -> WheelFrame<T> {
+        let wheel = &self.wheels[i];
+        match wheel.steering {
+            Steering::Fixed { angle } => {
+                let (sin, cos) = angle.sin_cos();
+                wheel.frame(cos, sin)
+            }
+            Steering::Driven | Steering::Free { .. } => {
+                let k = self.swivel_index(i);
+                let at = self.layout.swivel(k);
+                wheel.frame(x[at + 1], x[at + 2])
+            }
+        }
+    }
+
+    fn swivel_index(&self, i: usize) -> usize {
+        let mut k = 0;
+        while self.layout.swivels[k] != i {
+            k += 1;
+        }
+        k
+    }
+
+    /// Rows over v of the velocity of a point carried by the base at `r`.
+    #[inline(always)]
+    pub fn point_rows(&self, r: Vec2<T>) -> [Row<T>; 2] {
+        let mut rows = [zero_row(), zero_row()];
+        for k in 0..self.layout.eta {
+            rows[0][k] = (-r.y).mul_add(self.basis[2][k], self.basis[0][k]);
+            rows[1][k] = r.x.mul_add(self.basis[2][k], self.basis[1][k]);
+        }
+        rows
+    }
+
+    /// Row over v of the yaw rate.
+    #[inline(always)]
+    pub fn yaw_row(&self) -> Row<T> {
+        self.basis[2]
+    }
+
+    /// Row over v of γ̇ of wheel i.
+    #[inline(always)]
+    pub fn swivel_row(&self, i: usize, frame: &WheelFrame<T>) -> Row<T> {
+        let wheel = &self.wheels[i];
+        let mut row = zero_row();
+        match wheel.steering {
+            Steering::Fixed { .. } => {}
+            Steering::Driven => {
+                let mut k = 0;
+                while self.layout.steered[k] != i {
+                    k += 1;
+                }
+                row[self.layout.eta + k] = T::one();
+            }
+            Steering::Free { trail } => {
+                let pivot = self.point_rows(wheel.mount);
+                for k in 0..self.layout.eta {
+                    let lateral = frame
+                        .left
+                        .x
+                        .mul_add(pivot[0][k], frame.left.y * pivot[1][k]);
+                    row[k] = lateral / trail - self.basis[2][k];
+                }
+            }
+        }
+        row
+    }
+
+    /// Row over v of φ̇ of wheel i. `[eq:constraints]`
+    #[inline(always)]
+    pub fn spin_row(&self, i: usize, frame: &WheelFrame<T>) -> Row<T> {
+        let rolling = self.wheels[i].rolling_row(frame);
+        let contact = self.point_rows(frame.contact);
+        let mut row = zero_row();
+        for k in 0..self.layout.eta {
+            let along = rolling
+                .direction
+                .x
+                .mul_add(contact[0][k], rolling.direction.y * contact[1][k]);
+            row[k] = along / rolling.lever;
+        }
+        row
+    }
+
+    /// Row over v of the velocity of a steered wheel's contact along its axle, which must vanish.
+    #[inline(always)]
+    pub fn lateral_row(&self, frame: &WheelFrame<T>) -> Row<T> {
+        let contact = self.point_rows(frame.contact);
+        let mut row = zero_row();
+        for k in 0..self.layout.eta {
+            row[k] = frame
+                .left
+                .x
+                .mul_add(contact[0][k], frame.left.y * contact[1][k]);
+        }
+        row
+    }
+
+    /// Whether wheel i takes part in the dynamics, and not only follows the motion.
+    #[inline(always)]
+    pub fn is_dynamic(&self, i: usize) -> bool {
+        !(self.layout.constant && self.wheels[i].swivels())
+    }
+
+    /// The reduced equations for the steering angles in the state x. `[eq:reduced-dynamics]`
+    #[inline(always)]
+    pub fn reduce(&self, x: &[T]) -> Reduced<T> {
+        let n = self.layout.dof();
+        let mut reduced = Reduced {
+            spin: [zero_row(); MAX_WHEELS],
+            swivel: [zero_row(); MAX_WHEELS],
+            mass: [zero_row(); MAX_DOF],
+            gyro: [zero_row(); MAX_DOF],
+            momentum: [zero_row(), zero_row()],
+        };
+        let yaw = self.yaw_row();
+        add_outer(n, &mut reduced.mass, self.body.inertia_com, &yaw, &yaw);
+        let body = self.point_rows(self.body.center_of_mass);
+        reduced.add_mass(n, self.body.mass, &body);
+        for i in 0..self.wheels.len() {
+            if !self.is_dynamic(i) {
+                continue;
+            }
+            let wheel = &self.wheels[i];
+            let frame = self.wheel_frame(i, x);
+            let spin = self.spin_row(i, &frame);
+            let swivel = self.swivel_row(i, &frame);
+            let rows = self.carrier_rows(i, &frame, &swivel);
+            let mut turning = yaw;
+            for k in 0..n {
+                turning[k] += swivel[k];
+            }
+            reduced.add_mass(n, wheel.mass, &rows);
+            add_outer(
+                n,
+                &mut reduced.mass,
+                wheel.inertia_vertical,
+                &turning,
+                &turning,
+            );
+            add_outer(n, &mut reduced.mass, wheel.spin_inertia, &spin, &spin);
+            reduced.spin[i] = spin;
+            reduced.swivel[i] = swivel;
+        }
+        reduced
+    }
+
+    /// Rows over v of the velocity of wheel i's mass: V + ω Ω r − d γ̇ n.
+    #[inline(always)]
+    pub fn carrier_rows(&self, i: usize, frame: &WheelFrame<T>, swivel: &Row<T>) -> [Row<T>; 2] {
+        let trail = self.wheels[i].trail();
+        let mut rows = self.point_rows(frame.contact);
+        for k in 0..self.layout.dof() {
+            rows[0][k] = (-(trail * frame.left.x)).mul_add(swivel[k], rows[0][k]);
+            rows[1][k] = (-(trail * frame.left.y)).mul_add(swivel[k], rows[1][k]);
+        }
+        rows
+    }
+
+    /// Accelerations of wheel i at v̇ = 0: from Ȧν, with the plane turning at γ̇.
+    #[inline(always)]
+    pub fn convective(
+        &self,
+        i: usize,
+        frame: &WheelFrame<T>,
+        velocity: Vec2<T>,
+        yaw_rate: T,
+        steering_rate: T,
+    ) -> Convective<T> {
+        let wheel = &self.wheels[i];
+        let rolling = wheel.rolling_row(frame);
+        let trail = wheel.trail();
+        let carried = velocity + frame.contact.perpendicular() * yaw_rate;
+        let swivel = match wheel.steering {
+            Steering::Fixed { .. } | Steering::Driven => T::zero(),
+            Steering::Free { trail } => -(steering_rate * frame.forward.dot(carried)) / trail,
+        };
+        let turned = rolling.direction.perpendicular().dot(carried) * steering_rate;
+        let swept = yaw_rate * trail * steering_rate * rolling.direction.dot(frame.forward);
+        Convective {
+            contact: frame.forward * (trail * steering_rate * (yaw_rate + steering_rate))
+                - frame.left * (trail * swivel),
+            swivel,
+            spin: (turned + swept) / rolling.lever,
+        }
+    }
+}
+
+impl<T: Scalar> Reduced<T> {
+    /// Adds a point mass with the velocity rows `rows` to mass matrix, G and momentum.
+    #[inline(always)]
+    fn add_mass(&mut self, n: usize, mass: T, rows: &[Row<T>; 2]) {
+        add_outer(n, &mut self.mass, mass, &rows[0], &rows[0]);
+        add_outer(n, &mut self.mass, mass, &rows[1], &rows[1]);
+        // J_kᵀ Ω J_k with Ω J_k = (−row_y, row_x).
+        add_outer(n, &mut self.gyro, -mass, &rows[0], &rows[1]);
+        add_outer(n, &mut self.gyro, mass, &rows[1], &rows[0]);
+        for axis in 0..2 {
+            for k in 0..n {
+                self.momentum[axis][k] = mass.mul_add(rows[axis][k], self.momentum[axis][k]);
+            }
+        }
+    }
+}
+
+/// Whether the drive has a current as a state: a winding without inductance has none.
+pub fn has_current<T: Scalar>(drive: &Drive<T>) -> bool {
+    match drive {
+        Drive::None | Drive::Rate { .. } | Drive::Torque { .. } => false,
+        Drive::DcMotor(motor) => nominal(motor.inductance) != 0.0,
+    }
+}
+
+/// A caster that neither weighs nor loses anything follows the motion without a part in it.
+fn is_follower<T: Scalar>(wheel: &Wheel<T>) -> bool {
+    matches!(wheel.steering, Steering::Free { .. })
+        && matches!(wheel.drive, Drive::None)
+        && [
+            wheel.mass,
+            wheel.inertia_vertical,
+            wheel.spin_inertia,
+            wheel.viscous,
+            wheel.pivot_viscous,
+            wheel.dry_friction,
+            wheel.brake,
+        ]
+        .iter()
+        .all(|&value| nominal(value) == 0.0)
+}
+
+/// Σ: a basis of the twists that the lateral rows of the fixed wheels allow, and its size.
+fn fixed_basis<T: Scalar>(wheels: &[Wheel<T>]) -> Result<([Row<T>; 3], usize), PlatformError> {
+    let mut rows: Vec<[T; 3]> = Vec::new();
+    for wheel in wheels {
+        let Steering::Fixed { angle } = wheel.steering else {
+            continue;
+        };
+        if !wheel.is_plain() {
+            continue;
+        }
+        let (sin, cos) = angle.sin_cos();
+        let frame = wheel.frame(cos, sin);
+        let row = [
+            frame.left.x,
+            frame.left.y,
+            frame.left.dot(frame.contact.perpendicular()),
+        ];
+        // Which rows are independent is a matter of configuration: decided on the nominal values.
+        if rank_with(&rows, &row) > rows.len() {
+            rows.push(row);
+        }
+    }
+    let zero = zero_row::<T>();
+    let mut basis = [zero, zero, zero];
+    let columns: Vec<[T; 3]> = match rows.as_slice() {
+        [] => {
+            let (o, l) = (T::zero(), T::one());
+            vec![[l, o, o], [o, l, o], [o, o, l]]
+        }
+        [[x, y, k]] => vec![[*y, -*x, T::zero()], [-(*x * *k), -(*y * *k), T::one()]],
+        [a, b] => {
+            let c = cross3(a, b);
+            let planar = (c[0] * c[0] + c[1] * c[1]).sqrt();
+            // Straight motion at 1 m/s, or a turn at 1 rad/s about the common centre.
+            let unit = if nominal(c[2].abs()) > 1e-9 * nominal(planar) {
+                c[2]
+            } else {
+                planar.copysign(c[0])
+            };
+            vec![[c[0] / unit, c[1] / unit, c[2] / unit]]
+        }
+        _ => return Err(PlatformError::Locked),
+    };
+    for (k, column) in columns.iter().enumerate() {
+        for axis in 0..3 {
+            basis[axis][k] = column[axis];
+        }
+    }
+    Ok((basis, columns.len()))
+}
+
+fn cross3<T: Scalar>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// Rank of `rows` with one more row, by Gram–Schmidt on nominal values.
+fn rank_with<T: Scalar>(rows: &[[T; 3]], row: &[T; 3]) -> usize {
+    // Two wheels on one axle may be a nanometre out of line in a file; that is no second constraint.
+    const PARALLEL: f64 = 1e-9;
+    let mut basis: Vec<[f64; 3]> = Vec::new();
+    for candidate in rows.iter().chain([row]) {
+        let mut rest = candidate.map(nominal);
+        let size = norm3(&rest);
+        for unit in &basis {
+            let along: f64 = (0..3).map(|k| unit[k] * rest[k]).sum();
+            for k in 0..3 {
+                rest[k] -= along * unit[k];
+            }
+        }
+        let left = norm3(&rest);
+        if left > PARALLEL * size {
+            basis.push(rest.map(|value| value / left));
+        }
+    }
+    basis.len()
+}
+
+fn norm3(v: &[f64; 3]) -> f64 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+fn map_wheel<T: Scalar, U: Scalar>(
+    wheel: &Wheel<T>,
+    value: &mut dyn FnMut(&str, T) -> U,
+) -> Wheel<U> {
+    let mut at = |field: &str, number: T| value(&format!("wheel.{}.{field}", wheel.name), number);
+    Wheel {
+        name: wheel.name.clone(),
+        mount: vec2(at("mount.x", wheel.mount.x), at("mount.y", wheel.mount.y)),
+        radius: at("radius", wheel.radius),
+        steering: match wheel.steering {
+            Steering::Fixed { angle } => Steering::Fixed {
+                angle: at("steering.angle", angle),
+            },
+            Steering::Driven => Steering::Driven,
+            Steering::Free { trail } => Steering::Free {
+                trail: at("trail", trail),
+            },
+        },
+        rim: match wheel.rim {
+            Rim::Plain => Rim::Plain,
+            Rim::Rollers { angle } => Rim::Rollers {
+                angle: at("rim.angle", angle),
+            },
+        },
+        mass: at("mass", wheel.mass),
+        inertia_vertical: at("inertia_vertical", wheel.inertia_vertical),
+        spin_inertia: at("spin_inertia", wheel.spin_inertia),
+        viscous: at("viscous", wheel.viscous),
+        pivot_viscous: at("pivot_viscous", wheel.pivot_viscous),
+        dry_friction: at("dry_friction", wheel.dry_friction),
+        brake: at("brake", wheel.brake),
+        drive: match wheel.drive {
+            Drive::None => Drive::None,
+            Drive::Rate { rate_max } => Drive::Rate {
+                rate_max: at("drive.rate_max", rate_max),
+            },
+            Drive::Torque { torque_max } => Drive::Torque {
+                torque_max: at("drive.torque_max", torque_max),
+            },
+            Drive::DcMotor(m) => Drive::DcMotor(DcMotor {
+                resistance: at("drive.resistance", m.resistance),
+                inductance: at("drive.inductance", m.inductance),
+                torque_constant: at("drive.torque_constant", m.torque_constant),
+                back_emf_constant: at("drive.back_emf_constant", m.back_emf_constant),
+                gear_ratio: at("drive.gear_ratio", m.gear_ratio),
+                gear_efficiency: at("drive.gear_efficiency", m.gear_efficiency),
+                voltage_max: at("drive.voltage_max", m.voltage_max),
+                current_max: at("drive.current_max", m.current_max),
+            }),
+        },
+    }
+}

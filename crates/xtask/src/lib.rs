@@ -1,0 +1,3 @@
+//! Chores of the project, as functions that its tests can call.
+
+pub mod vectors;

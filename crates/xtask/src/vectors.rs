@@ -1,0 +1,779 @@
+//! Reference vectors (`appell-vector/1`) through the shipped general model.
+//!
+//! No equation of motion stands here: a vector's parameters become a [`Platform`], its columns are
+//! looked up in the state and output vectors, and `appell-model` does the rest.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use appell_model::drive::{DcMotor, Drive};
+use appell_model::dynamics::{Dynamics, Input};
+use appell_model::ground::Ground;
+use appell_model::integrate::{Adaptive, Exponential, RungeKutta4};
+use appell_model::kinematic::Kinematic;
+use appell_model::planar::vec2;
+use appell_model::platform::{Body, Layout, Platform, WheelOutput, YAW};
+use appell_model::rolling::Rolling;
+use appell_model::scalar::Scalar;
+use appell_model::wheel::{Rim, Steering, Wheel};
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+/// A trajectory vector as its file gives it.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Vector {
+    /// Schema of the file.
+    pub schema: String,
+    /// `trajectory` or `pointwise`.
+    pub kind: String,
+    /// Name of the model.
+    pub model: String,
+    /// Parameters, SI.
+    pub params: Map<String, Value>,
+    /// Initial value of every state column.
+    #[serde(default)]
+    pub x0: BTreeMap<String, f64>,
+    /// Signals of the inputs.
+    #[serde(default)]
+    pub inputs: BTreeMap<String, Signal>,
+    /// Names of the states.
+    #[serde(default)]
+    pub state_columns: Vec<String>,
+    /// Names of the outputs.
+    #[serde(default)]
+    pub output_columns: Vec<String>,
+    /// Sample times, s.
+    #[serde(default)]
+    pub t: Vec<f64>,
+    /// One row per sample time; only tests read it.
+    #[serde(default)]
+    pub data: Vec<Vec<Value>>,
+    /// Pass tolerance.
+    pub tolerance: Option<Tolerance>,
+}
+
+/// `abs + rel · max|column|`.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub struct Tolerance {
+    /// Absolute part, in the column's unit.
+    pub abs: f64,
+    /// Part relative to the largest value of the column.
+    pub rel: f64,
+}
+
+/// A signal of time.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Signal {
+    /// c
+    Const {
+        /// Value.
+        value: f64,
+    },
+    /// c + A sin(ωt + p)
+    Sine {
+        /// Amplitude.
+        amplitude: f64,
+        /// Angular frequency, rad/s.
+        omega: f64,
+        /// Phase, rad.
+        #[serde(default)]
+        phase: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// ±A about the offset, + first.
+    Square {
+        /// Amplitude.
+        amplitude: f64,
+        /// Period, s.
+        period: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// Triangle about the offset, rising first.
+    Triangle {
+        /// Amplitude.
+        amplitude: f64,
+        /// Period, s.
+        period: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// Steps, right-continuous.
+    PiecewiseConst {
+        /// Times of the steps, s.
+        t: Vec<f64>,
+        /// Values from those times on.
+        v: Vec<f64>,
+    },
+    /// Straight lines between nodes, held outside.
+    PiecewiseLinear {
+        /// Times of the nodes, s.
+        t: Vec<f64>,
+        /// Values at the nodes.
+        v: Vec<f64>,
+    },
+    /// Σ c_k t^k
+    Poly {
+        /// Coefficients, constant first.
+        coef: Vec<f64>,
+    },
+    /// Sum of signals.
+    Sum {
+        /// Terms.
+        terms: Vec<Signal>,
+    },
+}
+
+impl Signal {
+    /// Value at time t, s.
+    pub fn at(&self, t: f64) -> f64 {
+        use std::f64::consts::{FRAC_2_PI, TAU};
+        match self {
+            Signal::Const { value } => *value,
+            Signal::Sine {
+                amplitude,
+                omega,
+                phase,
+                offset,
+            } => offset + amplitude * Scalar::sin_cos(omega * t + phase).0,
+            Signal::Square {
+                amplitude,
+                period,
+                offset,
+            } => {
+                let cycles = t / period;
+                let first = cycles - cycles.floor() < 0.5;
+                offset + if first { *amplitude } else { -amplitude }
+            }
+            Signal::Triangle {
+                amplitude,
+                period,
+                offset,
+            } => {
+                let sine = Scalar::sin_cos(TAU * t / period).0;
+                let cosine = (1.0 - sine * sine).max(0.0).sqrt();
+                offset + amplitude * FRAC_2_PI * Scalar::atan2(sine, cosine)
+            }
+            Signal::PiecewiseConst { t: times, v } => {
+                let index = times.partition_point(|&at| at <= t).max(1) - 1;
+                v[index]
+            }
+            Signal::PiecewiseLinear { t: times, v } => {
+                let next = times.partition_point(|&at| at <= t);
+                if next == 0 {
+                    v[0]
+                } else if next == times.len() {
+                    v[next - 1]
+                } else {
+                    let share = (t - times[next - 1]) / (times[next] - times[next - 1]);
+                    v[next - 1] + share * (v[next] - v[next - 1])
+                }
+            }
+            Signal::Poly { coef } => coef.iter().rev().fold(0.0, |sum, c| sum * t + c),
+            Signal::Sum { terms } => terms.iter().map(|term| term.at(t)).sum(),
+        }
+    }
+
+    /// Times up to `end` at which the signal jumps or kinks.
+    fn breaks(&self, end: f64, times: &mut Vec<f64>) {
+        match self {
+            Signal::Const { .. } | Signal::Sine { .. } | Signal::Poly { .. } => {}
+            Signal::Square { period, .. } => grid(0.5 * period, 0.0, end, times),
+            Signal::Triangle { period, .. } => grid(0.5 * period, 0.25 * period, end, times),
+            Signal::PiecewiseConst { t, .. } | Signal::PiecewiseLinear { t, .. } => {
+                times.extend_from_slice(t)
+            }
+            Signal::Sum { terms } => terms.iter().for_each(|term| term.breaks(end, times)),
+        }
+    }
+}
+
+fn grid(period: f64, first: f64, end: f64, times: &mut Vec<f64>) {
+    let count = ((end - first) / period).floor().max(0.0) as usize;
+    times.extend((0..=count.min(1_000_000)).map(|k| first + k as f64 * period));
+}
+
+/// How to integrate.
+#[derive(Clone, Copy, Debug)]
+pub enum Method {
+    /// Tsitouras' pair at this relative tolerance; the absolute one is a tenth of it.
+    Adaptive(f64),
+    /// Runge–Kutta 4 with steps of at most this length, s.
+    RungeKutta4(f64),
+    /// Exponential midpoint with steps of at most this length, s.
+    Exponential(f64),
+}
+
+/// Where a column of a vector stands.
+enum Column {
+    State { index: usize, factor: f64 },
+    Output { index: usize, factor: f64 },
+    OutputSum(Vec<usize>),
+}
+
+/// A vector made ready: a platform, its initial state, and where its columns stand.
+struct Problem {
+    platform: Platform<f64>,
+    ground: Ground<f64>,
+    kinematic: bool,
+    x0: Vec<f64>,
+    /// Index in the input vector and signal.
+    inputs: Vec<(usize, Signal)>,
+    constant_inputs: Vec<(usize, f64)>,
+    columns: Vec<Column>,
+}
+
+struct Inputs<'a> {
+    problem: &'a Problem,
+    /// End of the smooth stretch: signals are right-continuous, so at its end their left limit counts.
+    end: f64,
+}
+
+impl<T: Scalar> Input<T> for Inputs<'_> {
+    fn at(&self, t: f64, u: &mut [T]) {
+        let inside = if t >= self.end {
+            self.end - 1e-12 * self.end.abs().max(1e-3)
+        } else {
+            t
+        };
+        u.fill(T::zero());
+        for &(index, value) in &self.problem.constant_inputs {
+            u[index] = T::from(value);
+        }
+        for (index, signal) in &self.problem.inputs {
+            // Only a signal that jumps here is asked for its left limit.
+            let mut breaks = Vec::new();
+            signal.breaks(self.end, &mut breaks);
+            let jumps = breaks.iter().any(|b| (b - self.end).abs() < 1e-12);
+            u[*index] = T::from(signal.at(if jumps { inside } else { t }));
+        }
+    }
+}
+
+/// Why a vector cannot be run.
+#[derive(Debug)]
+pub enum Refusal {
+    /// Its schema, kind or model is not one of this version's.
+    Foreign(String),
+    /// It is of a known model, but something in it is wrong.
+    Wrong(String),
+}
+
+fn wrong(text: impl Into<String>) -> Refusal {
+    Refusal::Wrong(text.into())
+}
+
+/// Runs a vector in the scalar T; rows of states and outputs at its sample times.
+pub fn run<T: Scalar>(vector: &Vector, method: Method) -> Result<Vec<Vec<T>>, Refusal> {
+    let problem = prepare(vector)?;
+    let lift = |platform: &Platform<f64>| platform.map(&mut |_, value| T::from(value));
+    let platform = lift(&problem.platform);
+    let ground = Ground {
+        gravity: vec2(
+            T::from(problem.ground.gravity.x),
+            T::from(problem.ground.gravity.y),
+        ),
+        gravity_normal: T::from(problem.ground.gravity_normal),
+    };
+    if problem.kinematic {
+        let system =
+            Kinematic::new(platform).ok_or_else(|| wrong("wheels do not determine the motion"))?;
+        integrate(vector, &problem, &system, method)
+    } else {
+        integrate(vector, &problem, &Rolling::new(platform, ground), method)
+    }
+}
+
+fn integrate<T: Scalar, S: Dynamics<T>>(
+    vector: &Vector,
+    problem: &Problem,
+    system: &S,
+    method: Method,
+) -> Result<Vec<Vec<T>>, Refusal> {
+    let sizes = system.sizes();
+    let mut x: Vec<T> = problem.x0.iter().map(|&value| T::from(value)).collect();
+    let mut mode = vec![T::one(); sizes.mode];
+    let mut u = vec![T::zero(); sizes.input];
+    let mut y = vec![T::zero(); sizes.output];
+    let end = vector.t.last().copied().unwrap_or(0.0);
+    let mut stops = vector.t.clone();
+    for (_, signal) in &problem.inputs {
+        signal.breaks(end, &mut stops);
+    }
+    let first = vector.t.first().copied().unwrap_or(0.0);
+    stops.retain(|&t| t >= first && t <= end);
+    stops.sort_by(f64::total_cmp);
+    stops.dedup_by(|a, b| (*a - *b).abs() < 1e-12);
+
+    let mut adaptive = Adaptive::new(system, 0.0, 0.0);
+    let mut rk4 = RungeKutta4::new(sizes.state, sizes.input);
+    let mut exponential = None;
+    if let Method::Adaptive(tolerance) = method {
+        adaptive.relative = tolerance;
+        adaptive.absolute = 0.1 * tolerance;
+    }
+    system.settle(&mut x, &u, &mut mode);
+    let mut rows = Vec::with_capacity(vector.t.len());
+    let mut samples = vector.t.iter().peekable();
+    for (k, &t) in stops.iter().enumerate() {
+        while samples
+            .peek()
+            .is_some_and(|&&sample| (sample - t).abs() < 1e-12)
+        {
+            samples.next();
+            let after = Inputs {
+                problem,
+                end: f64::INFINITY,
+            };
+            after.at(t, &mut u);
+            let mut now = mode.clone();
+            system.decide(&x, &u, &mut now);
+            system.output(&x, &u, &now, &mut y);
+            rows.push(problem.columns.iter().map(|c| column(c, &x, &y)).collect());
+        }
+        let Some(&next) = stops.get(k + 1) else {
+            break;
+        };
+        let input = Inputs { problem, end: next };
+        match method {
+            Method::Adaptive(_) => {
+                adaptive
+                    .advance(system, &input, t, next, &mut x, &mut mode, None)
+                    .map_err(|stalled| wrong(format!("integration stalled: {stalled:?}")))?;
+            }
+            Method::RungeKutta4(step) | Method::Exponential(step) => {
+                let count = ((next - t) / step - 1e-9).ceil().max(1.0) as usize;
+                let dt = (next - t) / count as f64;
+                for i in 0..count {
+                    let at = t + i as f64 * dt;
+                    if let Method::RungeKutta4(_) = method {
+                        rk4.step(system, &input, at, dt, &mut x, &mut mode);
+                    } else {
+                        if exponential.is_none() {
+                            exponential = Exponential::new(system, dt);
+                        }
+                        let method = exponential
+                            .as_mut()
+                            .ok_or_else(|| wrong("no constant linear part"))?;
+                        method.step(system, &input, at, dt, &mut x, &mut mode);
+                    }
+                }
+            }
+        }
+    }
+    Ok(rows)
+}
+
+fn column<T: Scalar>(column: &Column, x: &[T], y: &[T]) -> T {
+    match column {
+        Column::State { index, factor } => x[*index] * T::from(*factor),
+        Column::Output { index, factor } => y[*index] * T::from(*factor),
+        Column::OutputSum(indices) => {
+            let mut sum = T::zero();
+            for &index in indices {
+                sum += y[index];
+            }
+            sum
+        }
+    }
+}
+
+fn number(params: &Map<String, Value>, key: &str) -> Result<f64, Refusal> {
+    params
+        .get(key)
+        .and_then(Value::as_f64)
+        .ok_or_else(|| wrong(format!("parameter {key}: a number is missing")))
+}
+
+fn number_or(params: &Map<String, Value>, key: &str, default: f64) -> f64 {
+    params.get(key).and_then(Value::as_f64).unwrap_or(default)
+}
+
+fn plain_wheel(name: &str, x: f64, y: f64, radius: f64) -> Wheel<f64> {
+    Wheel {
+        name: name.to_owned(),
+        mount: vec2(x, y),
+        radius,
+        steering: Steering::Fixed { angle: 0.0 },
+        rim: Rim::Plain,
+        mass: 0.0,
+        inertia_vertical: 0.0,
+        spin_inertia: 0.0,
+        viscous: 0.0,
+        pivot_viscous: 0.0,
+        dry_friction: 0.0,
+        brake: 0.0,
+        drive: Drive::Torque {
+            torque_max: f64::INFINITY,
+        },
+    }
+}
+
+fn prepare(vector: &Vector) -> Result<Problem, Refusal> {
+    let p = &vector.params;
+    let ground = Ground::plane(
+        number_or(p, "g", 9.81),
+        number_or(p, "slope", 0.0),
+        number_or(p, "downhill_heading", 0.0),
+    );
+    let (body, wheels, kinematic, names) = match vector.model.as_str() {
+        "diff_kinematic" | "diff_dynamic" | "diff_incline" | "diff_motor" => differential(vector)?,
+        "general_rolling" | "mecanum_dynamic" => listed_wheels(vector)?,
+        other => return Err(Refusal::Foreign(format!("model {other}"))),
+    };
+    let platform = Platform::new(body, wheels).map_err(|e| wrong(format!("{e:?}")))?;
+    let layout = platform.layout().clone();
+
+    let mut inputs = Vec::new();
+    for (name, signal) in &vector.inputs {
+        let index = input_index(name, &names, &layout)
+            .ok_or_else(|| wrong(format!("input {name}: unknown")))?;
+        inputs.push((index, signal.clone()));
+    }
+    let mut constant_inputs = Vec::new();
+    if let Some(wrench) = p.get("wrench").and_then(Value::as_array) {
+        for (k, value) in wrench.iter().enumerate().take(3) {
+            constant_inputs.push((layout.wrench_input() + k, value.as_f64().unwrap_or(0.0)));
+        }
+    }
+    let mut x0 = vec![0.0; layout.state()];
+    let get = |name: &str| vector.x0.get(name).copied();
+    let heading = ["phi", "theta"].iter().find_map(|n| get(n)).unwrap_or(0.0);
+    x0[0] = get("x").unwrap_or(0.0);
+    x0[1] = get("y").unwrap_or(0.0);
+    x0[YAW] = heading;
+    let velocity = vec2(
+        get("V").or(get("V_x")).unwrap_or(0.0),
+        get("V_y").unwrap_or(0.0),
+    );
+    let steering: Vec<f64> = layout
+        .steered
+        .iter()
+        .map(|i| get(&format!("gamma_dot_{}", i + 1)).unwrap_or(0.0))
+        .collect();
+    let v = platform.velocity_from_twist(velocity, get("omega").unwrap_or(0.0), &steering);
+    let at = layout.velocity();
+    x0[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
+
+    let mut columns = Vec::new();
+    for name in vector.state_columns.iter().chain(&vector.output_columns) {
+        let column = find_column(name, &names, &platform)
+            .ok_or_else(|| wrong(format!("column {name}: unknown")))?;
+        if let (Column::State { index, factor }, Some(&value)) = (&column, vector.x0.get(name)) {
+            // Velocities were set from the twist as a whole.
+            if !(at..at + layout.eta).contains(index) {
+                x0[*index] = value / factor;
+            }
+        }
+        columns.push(column);
+    }
+    Ok(Problem {
+        platform,
+        ground,
+        kinematic,
+        x0,
+        inputs,
+        constant_inputs,
+        columns,
+    })
+}
+
+/// Suffixes by which a vector's columns call the wheels: `l`, `r`, or 1, 2, …
+type Suffixes = Vec<String>;
+type Parts = (Body<f64>, Vec<Wheel<f64>>, bool, Suffixes);
+
+fn differential(vector: &Vector) -> Result<Parts, Refusal> {
+    let p = &vector.params;
+    let half = 0.5 * number(p, "track")?;
+    let radius = number(p, "wheel_radius")?;
+    let kinematic = vector.model == "diff_kinematic";
+    let drive = match vector.model.as_str() {
+        "diff_kinematic" => Drive::Rate {
+            rate_max: f64::INFINITY,
+        },
+        "diff_motor" => Drive::DcMotor(DcMotor {
+            resistance: number(p, "R")?,
+            inductance: number(p, "L")?,
+            torque_constant: number(p, "K_M")?,
+            back_emf_constant: number(p, "K_e")?,
+            gear_ratio: number(p, "gear")?,
+            gear_efficiency: number_or(p, "gear_efficiency", 1.0),
+            voltage_max: f64::INFINITY,
+            current_max: f64::INFINITY,
+        }),
+        _ => Drive::Torque {
+            torque_max: f64::INFINITY,
+        },
+    };
+    let mass = if kinematic { 1.0 } else { number(p, "mass")? };
+    let behind = number_or(p, "com_offset", 0.0);
+    let about_axle = if kinematic {
+        1.0
+    } else {
+        number(p, "inertia_axle")?
+    };
+    let body = Body {
+        mass,
+        inertia_com: about_axle - mass * behind * behind,
+        center_of_mass: vec2(-behind, 0.0),
+        com_height: 0.0,
+    };
+    let wheel = |name, side: f64| Wheel {
+        spin_inertia: number_or(p, "wheel_inertia", 0.0),
+        drive,
+        ..plain_wheel(name, 0.0, side, radius)
+    };
+    let wheels = vec![wheel("left", half), wheel("right", -half)];
+    Ok((body, wheels, kinematic, vec!["l".into(), "r".into()]))
+}
+
+fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
+    let p = &vector.params;
+    if number_or(p, "roll_eps", 0.0) > 0.0 {
+        return Err(Refusal::Foreign(
+            "rolling resistance smoothed by roll_eps".into(),
+        ));
+    }
+    let com = vec2(number_or(p, "com_x", 0.0), number_or(p, "com_y", 0.0));
+    let body = if vector.model == "mecanum_dynamic" {
+        let mass = number(p, "mass")?;
+        Body {
+            mass,
+            inertia_com: number(p, "inertia_P")? - mass * com.dot(com),
+            center_of_mass: com,
+            com_height: 0.0,
+        }
+    } else {
+        Body {
+            mass: number(p, "body_mass")?,
+            inertia_com: number(p, "body_inertia_com")?,
+            center_of_mass: com,
+            com_height: 0.0,
+        }
+    };
+    let listed = p
+        .get("wheels")
+        .and_then(Value::as_array)
+        .ok_or_else(|| wrong("parameter wheels: a list is missing"))?;
+    let mut wheels = Vec::new();
+    let mut names = Vec::new();
+    for (i, entry) in listed.iter().enumerate() {
+        let w = entry
+            .as_object()
+            .ok_or_else(|| wrong(format!("wheel {}: not a table", i + 1)))?;
+        let kind = w.get("kind").and_then(Value::as_str).unwrap_or("swedish");
+        let angle = number_or(w, "angle", 0.0);
+        let steering = match kind {
+            "fixed" | "swedish" => Steering::Fixed { angle },
+            "steered" => Steering::Driven,
+            "caster" => Steering::Free {
+                trail: number(w, "trail")?,
+            },
+            other => return Err(wrong(format!("wheel {}: unknown kind {other}", i + 1))),
+        };
+        let rim = match kind {
+            "swedish" => Rim::Rollers {
+                angle: number(w, "delta")?,
+            },
+            _ => Rim::Plain,
+        };
+        wheels.push(Wheel {
+            steering,
+            rim,
+            mass: number_or(w, "mass", 0.0),
+            inertia_vertical: number_or(w, "inertia_vertical", 0.0),
+            spin_inertia: number_or(w, "inertia", 0.0),
+            viscous: number_or(w, "viscous", 0.0),
+            pivot_viscous: number_or(w, "pivot_viscous", 0.0),
+            dry_friction: number_or(w, "load", 0.0) * number_or(w, "rolling_arm", 0.0),
+            ..plain_wheel(
+                &format!("w{}", i + 1),
+                number(w, "x")?,
+                number(w, "y")?,
+                number(w, "radius")?,
+            )
+        });
+        names.push((i + 1).to_string());
+    }
+    Ok((body, wheels, false, names))
+}
+
+fn wheel_of<'a>(name: &'a str, names: &Suffixes) -> Option<(&'a str, usize)> {
+    let (stem, suffix) = name.rsplit_once('_')?;
+    Some((stem, names.iter().position(|n| n == suffix)?))
+}
+
+fn input_index(name: &str, names: &Suffixes, layout: &Layout) -> Option<usize> {
+    let (stem, i) = wheel_of(name, names)?;
+    match stem {
+        "tau" | "u" | "w" => Some(i),
+        "tau_steer" => {
+            let k = layout.steered.iter().position(|&s| s == i)?;
+            Some(layout.steering_input() + k)
+        }
+        _ => None,
+    }
+}
+
+fn find_column(name: &str, names: &Suffixes, platform: &Platform<f64>) -> Option<Column> {
+    let layout = platform.layout();
+    let state = |index| Some(Column::State { index, factor: 1.0 });
+    let output = |index| Some(Column::Output { index, factor: 1.0 });
+    match name {
+        "x" => return state(0),
+        "y" => return state(1),
+        "phi" | "theta" => return state(YAW),
+        "V" | "V_x" => return output(0),
+        "V_y" => return output(1),
+        "omega" => return output(2),
+        "E_kin" => return output(3),
+        "E_pot" => return output(4),
+        "E_mag" => return output(5),
+        "work" | "W_elec" => return state(layout.ledger()),
+        "W_joule" => return state(layout.ledger() + 1),
+        "F_lat_sum" => {
+            let sides = (0..layout.wheels)
+                .map(|i| layout.wheel_output(i, WheelOutput::Lateral))
+                .collect();
+            return Some(Column::OutputSum(sides));
+        }
+        _ => {}
+    }
+    let (stem, i) = wheel_of(name, names)?;
+    let wheel = |what| output(layout.wheel_output(i, what));
+    match stem {
+        "q" | "phi" => state(layout.spin(i)),
+        "gamma" => {
+            let k = layout.swivels.iter().position(|&s| s == i)?;
+            state(layout.swivel(k))
+        }
+        "phi_dot" => wheel(WheelOutput::SpinRate),
+        "gamma_dot" => wheel(WheelOutput::SteeringRate),
+        "tau" => {
+            let Drive::DcMotor(motor) = &platform.wheels()[i].drive else {
+                return wheel(WheelOutput::Torque);
+            };
+            let m = layout.motors.iter().position(|&m| m == i)?;
+            Some(Column::State {
+                index: layout.current() + m,
+                factor: motor.torque_per_current(),
+            })
+        }
+        "I" => wheel(WheelOutput::Current),
+        "F_long" | "F_roller" => wheel(WheelOutput::Longitudinal),
+        "F_lat" => wheel(WheelOutput::Lateral),
+        _ => None,
+    }
+}
+
+/// Largest deviation of each column from the vector's data, with its tolerance and name.
+pub fn deviations(vector: &Vector, rows: &[Vec<f64>]) -> Vec<(String, f64, f64)> {
+    let tolerance = vector
+        .tolerance
+        .expect("a trajectory vector has a tolerance");
+    let names = vector.state_columns.iter().chain(&vector.output_columns);
+    names
+        .enumerate()
+        .map(|(k, name)| {
+            let reference = |row: &Vec<Value>| row[k].as_f64().unwrap_or(f64::NAN);
+            let mut error: f64 = 0.0;
+            let mut largest: f64 = 0.0;
+            for (row, data) in rows.iter().zip(&vector.data) {
+                let off = (row[k] - reference(data)).abs();
+                error = if off.is_nan() {
+                    f64::INFINITY
+                } else {
+                    error.max(off)
+                };
+                largest = largest.max(reference(data).abs());
+            }
+            (name.clone(), error, tolerance.abs + tolerance.rel * largest)
+        })
+        .collect()
+}
+
+/// Runs every vector of a folder adaptively and writes `<stem>.csv` beside a summary on the terminal.
+pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
+    std::fs::create_dir_all(out)?;
+    let mut files: Vec<_> = std::fs::read_dir(folder)?
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|e| e == "json"))
+        .collect();
+    files.sort();
+    let mut good = true;
+    for path in files {
+        let stem = path
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let text = std::fs::read_to_string(&path)?;
+        let parsed: Result<Vector, _> = serde_json::from_str(&text);
+        let vector = match parsed {
+            Ok(vector) if vector.schema == "appell-vector/1" && vector.kind == "trajectory" => {
+                vector
+            }
+            _ => {
+                let value: Value = serde_json::from_str(&text).unwrap_or(Value::Null);
+                let word = |key: &str| value[key].as_str().unwrap_or("-").to_owned();
+                println!(
+                    "passed over  {stem:28} {} {} {}",
+                    word("schema"),
+                    word("model"),
+                    word("kind")
+                );
+                continue;
+            }
+        };
+        // A hundredth of the tightest tolerance in use (1e-9), so that the integration adds nothing.
+        match run::<f64>(&vector, Method::Adaptive(1e-12)) {
+            Ok(rows) => {
+                std::fs::write(out.join(format!("{stem}.csv")), csv(&vector, &rows))?;
+                let worst = (vector.data.len() == rows.len())
+                    .then(|| deviations(&vector, &rows))
+                    .unwrap_or_default()
+                    .into_iter()
+                    .max_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)));
+                match worst {
+                    Some((name, error, tolerance)) => {
+                        let verdict = if error <= tolerance { "ok" } else { "OFF" };
+                        good &= error <= tolerance;
+                        println!(
+                            "{verdict:12} {stem:28} worst {name}: {error:.2e} of {tolerance:.2e}"
+                        );
+                    }
+                    None => println!("written      {stem}"),
+                }
+            }
+            Err(Refusal::Foreign(why)) => println!("passed over  {stem:28} {why}"),
+            Err(Refusal::Wrong(why)) => {
+                good = false;
+                println!("WRONG        {stem:28} {why}");
+            }
+        }
+    }
+    Ok(good)
+}
+
+fn csv(vector: &Vector, rows: &[Vec<f64>]) -> String {
+    use std::fmt::Write;
+    let mut text = String::from("t");
+    for name in vector.state_columns.iter().chain(&vector.output_columns) {
+        text.push(',');
+        text.push_str(name);
+    }
+    text.push('\n');
+    for (t, row) in vector.t.iter().zip(rows) {
+        let _ = write!(text, "{t}");
+        for value in row {
+            let _ = write!(text, ",{value}");
+        }
+        text.push('\n');
+    }
+    text
+}
