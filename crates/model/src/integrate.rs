@@ -641,6 +641,16 @@ impl<T: Scalar> Adaptive<T> {
         Ok(t)
     }
 
+    /// Length of the step that will be tried next, s: part of the state of a run.
+    pub fn next_step(&self) -> f64 {
+        self.step
+    }
+
+    /// Sets the length of the step to try next, s.
+    pub fn set_next_step(&mut self, step: f64) {
+        self.step = step;
+    }
+
     /// State within the last step at θ ∈ [0, 1] of it, to order 4.
     pub fn interpolate(&self, theta: f64, x: &mut [T]) {
         for (k, value) in x.iter_mut().enumerate() {

@@ -107,6 +107,37 @@ impl<T: Scalar> Rolling<T> {
         }
     }
 
+    /// The part of the outputs that is motion: twist, spin and steering rates.
+    pub fn motion(&self, x: &[T], mode: &[T], y: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let v = &x[layout.velocity()..layout.velocity() + n];
+        let (velocity, yaw_rate) = self.platform.twist(v);
+        y[0] = velocity.x;
+        y[1] = velocity.y;
+        y[2] = yaw_rate;
+        for i in 0..layout.wheels {
+            let (spin, swivel) = match &self.constant {
+                Some((reduced, _)) if self.platform.is_dynamic(i) => {
+                    (reduced.spin[i], reduced.swivel[i])
+                }
+                _ => {
+                    let frame = self.platform.wheel_frame(i, x);
+                    let spin = self.platform.spin_row(i, &frame);
+                    (spin, self.platform.swivel_row(i, &frame))
+                }
+            };
+            let rate = dot(n, &spin, v);
+            let rests = if self.rubs[i] {
+                is_zero(mode[i])
+            } else {
+                T::Mask::splat(false)
+            };
+            y[layout.wheel_output(i, WheelOutput::SpinRate)] = T::select(rests, T::zero(), rate);
+            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = dot(n, &swivel, v);
+        }
+    }
+
     /// Largest friction torque that holds or brakes wheel i, N·m, at a brake command in [0, 1].
     #[inline(always)]
     fn bound(&self, i: usize, u: &[T]) -> T {

@@ -1,1 +1,20 @@
-//! Simulation.
+//! Scenarios, worlds, controllers, tasks and recordings.
+//!
+//! The way of the data: [`scenario`] (what people write) → [`build`] → [`world`] (what runs) →
+//! [`record`] (what remains) → [`report`] (what people see). [`run`] ties them together.
+
+pub mod block;
+pub mod build;
+pub mod controller;
+pub mod judge;
+pub mod layout;
+pub mod noise;
+pub mod plan;
+pub mod plant;
+pub mod record;
+pub mod run;
+pub mod scenario;
+pub mod sensor;
+pub mod servo;
+pub mod signal;
+pub mod world;

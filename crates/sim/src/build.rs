@@ -1,0 +1,302 @@
+//! From what a file says to what runs: scenario types to platforms, blocks and worlds.
+
+use appell_model::drive::{DcMotor, Drive};
+use appell_model::dynamics::Dynamics;
+use appell_model::ground::Ground;
+use appell_model::planar::vec2;
+use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
+use appell_model::rolling::Rolling;
+use appell_model::wheel::{Rim, Steering, Wheel};
+
+use crate::layout::{Beacon, Goal, Layout};
+use crate::scenario::{self, Direction, DriveChoice, Level, Robot, Scenario, Side, Task, Terrain};
+
+/// Which drives a platform is built with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DriveModel {
+    /// Those of the file.
+    AsBuilt,
+    /// Ideal rate sources (level `kinematic`).
+    Rate,
+    /// Ideal torque sources.
+    Torque,
+}
+
+/// The drives that a robot's level and choice ask for.
+pub fn drive_model(robot: &Robot) -> DriveModel {
+    match (robot.level, robot.drive) {
+        (Level::Kinematic, _) => DriveModel::Rate,
+        (Level::Rolling, DriveChoice::Torque) => DriveModel::Torque,
+        (Level::Rolling, DriveChoice::AsBuilt | DriveChoice::DcMotor) => DriveModel::AsBuilt,
+    }
+}
+
+/// Gravity and slope.
+pub fn ground(terrain: &Terrain) -> Ground<f64> {
+    match terrain {
+        Terrain::Flat { gravity, .. } => Ground::flat(*gravity),
+        Terrain::Plane {
+            slope_deg,
+            downhill_heading_deg,
+            gravity,
+            ..
+        } => Ground::plane(
+            *gravity,
+            slope_deg.to_radians(),
+            downhill_heading_deg.to_radians(),
+        ),
+    }
+}
+
+/// The platform of a file, with rolling resistance turned into torques by the static loads under a
+/// gravity normal to the ground, m/s².
+pub fn platform(
+    file: &scenario::Platform,
+    drives: DriveModel,
+    gravity_normal: f64,
+) -> Result<Platform<f64>, PlatformError> {
+    let body = Body {
+        mass: file.body.mass,
+        inertia_com: file.body.inertia_com,
+        center_of_mass: vec2(file.body.center_of_mass[0], file.body.center_of_mass[1]),
+        com_height: file.body.center_of_mass[2],
+    };
+    let mut wheels: Vec<Wheel<f64>> = file.wheel.iter().map(|w| wheel(w, drives)).collect();
+    let bare = Platform::new(body, wheels.clone())?;
+    for (i, load) in static_loads(&bare, gravity_normal).into_iter().enumerate() {
+        wheels[i].dry_friction +=
+            file.wheel[i].friction.rolling * load.max(0.0) * file.wheel[i].radius;
+    }
+    Platform::new(body, wheels)
+}
+
+/// Normal loads at rest on level ground, N; equal shares where the contacts carry no plane.
+pub fn static_loads(platform: &Platform<f64>, gravity_normal: f64) -> Vec<f64> {
+    let layout = platform.layout().clone();
+    let rolling = Rolling::new(platform.clone(), Ground::flat(gravity_normal));
+    let x = rest_state(platform, [0.0; 3], &[]);
+    let mut y = vec![0.0; layout.output()];
+    rolling.output(
+        &x,
+        &vec![0.0; layout.input()],
+        &vec![1.0; layout.wheels],
+        &mut y,
+    );
+    let loads: Vec<f64> = (0..layout.wheels)
+        .map(|i| y[layout.wheel_output(i, WheelOutput::Load)])
+        .collect();
+    if loads.iter().any(|&load| load != 0.0) {
+        loads
+    } else {
+        let share = platform.total_mass() * gravity_normal / layout.wheels as f64;
+        vec![share; layout.wheels]
+    }
+}
+
+/// A state at rest at a pose, with the given angles (rad) of the swivelling wheels.
+pub fn rest_state(platform: &Platform<f64>, pose: [f64; 3], angles: &[f64]) -> Vec<f64> {
+    let layout = platform.layout();
+    let mut x = vec![0.0; layout.state()];
+    x[0] = pose[0];
+    x[1] = pose[1];
+    x[YAW] = pose[2];
+    for (k, &angle) in angles.iter().enumerate().take(layout.swivels.len()) {
+        x[layout.swivel(k)] = angle;
+    }
+    platform.renew_angles(&mut x);
+    x
+}
+
+fn wheel(file: &scenario::Wheel, drives: DriveModel) -> Wheel<f64> {
+    let (drive, rotor) = drive(&file.drive, drives);
+    Wheel {
+        name: file.name.clone(),
+        mount: vec2(file.mount[0], file.mount[1]),
+        radius: file.radius,
+        steering: match file.steering {
+            scenario::Steering::Fixed { angle_deg } => Steering::Fixed {
+                angle: angle_deg.to_radians(),
+            },
+            scenario::Steering::Free { trail, .. } => Steering::Free { trail },
+        },
+        rim: match file.rim {
+            scenario::Rim::Plain => Rim::Plain,
+            scenario::Rim::Rollers { angle_deg } => Rim::Rollers {
+                angle: angle_deg.to_radians(),
+            },
+        },
+        mass: file.mass,
+        inertia_vertical: file.vertical_inertia,
+        spin_inertia: file.spin_inertia + rotor,
+        viscous: file.friction.viscous,
+        pivot_viscous: file.friction.pivot_viscous,
+        dry_friction: file.friction.dry,
+        brake: file.brake_torque,
+        drive,
+    }
+}
+
+/// The drive of a wheel and the rotor inertia as the axle feels it, kg·m².
+fn drive(file: &scenario::Drive, drives: DriveModel) -> (Drive<f64>, f64) {
+    let (built, rotor, rate_max, torque_max) = match file {
+        scenario::Drive::None => return (Drive::None, 0.0),
+        scenario::Drive::Torque {
+            torque_max,
+            rate_max,
+        } => (
+            Drive::Torque {
+                torque_max: *torque_max,
+            },
+            0.0,
+            *rate_max,
+            *torque_max,
+        ),
+        scenario::Drive::DcMotor {
+            resistance,
+            inductance,
+            torque_constant,
+            back_emf_constant,
+            gear_ratio,
+            gear_efficiency,
+            rotor_inertia,
+            voltage_max,
+            current_max,
+        } => {
+            let motor = DcMotor {
+                resistance: *resistance,
+                inductance: *inductance,
+                torque_constant: *torque_constant,
+                back_emf_constant: back_emf_constant.unwrap_or(*torque_constant),
+                gear_ratio: *gear_ratio,
+                gear_efficiency: *gear_efficiency,
+                voltage_max: *voltage_max,
+                current_max: current_max.unwrap_or(f64::MAX),
+            };
+            let reflected = gear_ratio * gear_ratio * rotor_inertia;
+            let (rate, torque) = (motor.no_load_rate(), motor.stall_torque());
+            (Drive::DcMotor(motor), reflected, rate, torque)
+        }
+    };
+    let chosen = match drives {
+        DriveModel::AsBuilt => built,
+        DriveModel::Rate => Drive::Rate { rate_max },
+        DriveModel::Torque => Drive::Torque { torque_max },
+    };
+    (chosen, rotor)
+}
+
+/// Path, problem and hint for a set of wheels that is no platform.
+pub fn explain(error: &PlatformError) -> (String, String, &'static str) {
+    match error {
+        PlatformError::WheelCount(count) => (
+            "wheel".into(),
+            format!("must be 1 to 12 wheels, got {count}"),
+            "each is a [[wheel]] table",
+        ),
+        PlatformError::SteeredCount(count) => (
+            "wheel".into(),
+            format!("must have fewer steered wheels, got {count}"),
+            "",
+        ),
+        PlatformError::Locked => (
+            "wheel".into(),
+            "must leave a way to roll: the fixed wheels' axles have no common centre, got no motion".into(),
+            "let some wheels swivel (steering kind \"free\") or give them rollers",
+        ),
+        PlatformError::RollerAngle(name) => (
+            format!("wheel.{name}.rim.angle_deg"),
+            "must be between -85 and 85".into(),
+            "",
+        ),
+        PlatformError::RollersOnCaster(name) => (
+            format!("wheel.{name}.rim"),
+            "must be plain on a wheel that swivels freely".into(),
+            "",
+        ),
+        PlatformError::NoTrail(name) => (
+            format!("wheel.{name}.steering.trail"),
+            "must not be 0".into(),
+            "a caster swivels because its contact trails the pivot",
+        ),
+    }
+}
+
+/// The arena as the planner and the judge see it.
+pub fn layout(scenario: &Scenario, robot: &Robot) -> Layout {
+    let platform = robot
+        .platform
+        .as_ref()
+        .expect("a checked scenario has platforms");
+    Layout {
+        arena: scenario.arena.size,
+        beacons: scenario
+            .arena
+            .beacon
+            .iter()
+            .map(|beacon| Beacon {
+                name: beacon.name.clone(),
+                position: beacon.position,
+                radius: beacon.radius,
+            })
+            .collect(),
+        collision_radius: platform.collision_radius,
+        start: robot.pose,
+    }
+}
+
+/// The goal of a task, with beacons by index.
+pub fn goal(scenario: &Scenario, task: &Task) -> Goal {
+    let index = |name: &String| {
+        let beacons = &scenario.arena.beacon;
+        let found = beacons.iter().position(|b| b.name == *name);
+        found.expect("a checked scenario names its own beacons")
+    };
+    match task {
+        Task::Homing {
+            beacon,
+            distance,
+            speed,
+            hold,
+        } => Goal::Homing {
+            beacon: index(beacon),
+            distance: *distance,
+            speed: *speed,
+            hold: *hold,
+        },
+        Task::Gate {
+            beacons,
+            direction,
+            exit,
+        } => Goal::Gate {
+            pair: [index(&beacons[0]), index(&beacons[1])],
+            direction: match direction {
+                Direction::Any => 0,
+                Direction::FirstLeft => 1,
+                Direction::FirstRight => -1,
+            },
+            exit: *exit,
+        },
+        Task::Eight {
+            beacons,
+            laps,
+            close,
+        } => Goal::Eight {
+            pair: [index(&beacons[0]), index(&beacons[1])],
+            laps: *laps,
+            close: *close,
+        },
+        Task::Slalom {
+            chain,
+            first_side,
+            offset_max,
+        } => Goal::Slalom {
+            chain: chain.iter().map(index).collect(),
+            first_side: match first_side {
+                Side::Any => 0,
+                Side::Left => 1,
+                Side::Right => -1,
+            },
+            offset_max: *offset_max,
+        },
+    }
+}

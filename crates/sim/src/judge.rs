@@ -1,0 +1,1016 @@
+//! Judge of the beacon tasks of models.md, section 9, one sample at a time.
+//!
+//! World frame, SI units. The trajectory between two samples is the straight segment between them.
+//! The judge passes at the first sample at which the trajectory so far fulfills the goal, and fails
+//! at the first touched beacon, left arena, or mistake that nothing later can mend. The time limit
+//! is the caller's.
+
+use crate::layout::{Beacon, Goal, Layout};
+use appell_model::scalar::Scalar;
+use serde::{Deserialize, Serialize};
+
+/// Where a task stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Verdict {
+    /// Not decided yet.
+    Running,
+    /// The goal is reached; final.
+    Passed,
+    /// The goal cannot be reached any more; final.
+    Failed,
+}
+
+/// Something worth telling that happened on the way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TaskEvent {
+    /// Time, s.
+    pub t: f64,
+    /// Position of the axle midpoint, world frame, m.
+    pub position: [f64; 2],
+    /// What happened, such as `b1 passed on its left, 0.486 m`.
+    pub text: String,
+}
+
+/// A directed line in the plane, through `origin`, crossed forward along `normal`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Line {
+    pub origin: [f64; 2],
+    pub normal: [f64; 2],
+}
+
+/// A segment crossing a [`Line`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Crossing {
+    /// Fraction of the segment.
+    pub fraction: f64,
+    /// Whether along the normal.
+    pub forward: bool,
+    /// Place on the line, from the origin along Ω·normal (to the left of the normal), m.
+    pub offset: f64,
+}
+
+impl Line {
+    /// The line through `origin` whose normal points from `from` to `to`.
+    pub fn across(origin: [f64; 2], from: [f64; 2], to: [f64; 2]) -> Self {
+        let along = difference(to, from);
+        let length = dot(along, along).sqrt();
+        let normal = [along[0] / length, along[1] / length];
+        Self { origin, normal }
+    }
+
+    /// Signed distance of a point, positive on the side the normal points to, m.
+    pub fn distance(&self, p: [f64; 2]) -> f64 {
+        dot(difference(p, self.origin), self.normal)
+    }
+
+    pub fn crossing(&self, p: [f64; 2], q: [f64; 2]) -> Option<Crossing> {
+        let (f, g) = (self.distance(p), self.distance(q));
+        if (f < 0.0) == (g < 0.0) {
+            return None;
+        }
+        let fraction = f / (f - g);
+        let left = [-self.normal[1], self.normal[0]];
+        let offset = dot(difference(between(p, q, fraction), self.origin), left);
+        Some(Crossing {
+            fraction,
+            forward: f < 0.0,
+            offset,
+        })
+    }
+}
+
+pub(crate) fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+pub(crate) fn difference(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let d = difference(a, b);
+    dot(d, d).sqrt()
+}
+
+/// The point at a fraction of the segment from `p` to `q`.
+pub(crate) fn between(p: [f64; 2], q: [f64; 2], fraction: f64) -> [f64; 2] {
+    [
+        p[0] + fraction * (q[0] - p[0]),
+        p[1] + fraction * (q[1] - p[1]),
+    ]
+}
+
+/// Distance of point `c` to the segment from `p` to `q`, m.
+pub(crate) fn segment_distance(c: [f64; 2], p: [f64; 2], q: [f64; 2]) -> f64 {
+    let along = difference(q, p);
+    let square = dot(along, along);
+    let fraction = if square == 0.0 {
+        0.0
+    } else {
+        (dot(difference(c, p), along) / square).clamp(0.0, 1.0)
+    };
+    distance(c, between(p, q, fraction))
+}
+
+/// Smallest distance to the walls from inside, m; negative outside.
+pub(crate) fn wall_distance(arena: [f64; 2], p: [f64; 2]) -> f64 {
+    p[0].min(arena[0] - p[0]).min(p[1].min(arena[1] - p[1]))
+}
+
+/// Fraction of the segment at which it first comes within `radius` of `c`; 0 if it begins there.
+fn touch_fraction(c: [f64; 2], radius: f64, p: [f64; 2], q: [f64; 2]) -> f64 {
+    let (from, along) = (difference(p, c), difference(q, p));
+    let (square, half) = (dot(along, along), dot(from, along));
+    let excess = dot(from, from) - radius * radius;
+    if excess <= 0.0 || square == 0.0 {
+        return 0.0;
+    }
+    let root = (half * half - square * excess).max(0.0).sqrt();
+    ((-half - root) / square).clamp(0.0, 1.0)
+}
+
+/// Fraction of the segment, ending outside, at which it leaves the arena shrunk by `margin`.
+fn leave_fraction(arena: [f64; 2], margin: f64, p: [f64; 2], q: [f64; 2]) -> f64 {
+    let mut fraction = 1.0_f64;
+    for axis in 0..2 {
+        for (a, b) in [
+            (p[axis], q[axis]),
+            (arena[axis] - p[axis], arena[axis] - q[axis]),
+        ] {
+            if b < margin {
+                let before = a - margin;
+                fraction = fraction.min(if before <= 0.0 { 0.0 } else { before / (a - b) });
+            }
+        }
+    }
+    fraction
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Sample {
+    t: f64,
+    position: [f64; 2],
+}
+
+impl Sample {
+    fn towards(self, next: Sample, fraction: f64) -> Sample {
+        let t = self.t + fraction * (next.t - self.t);
+        Sample {
+            t,
+            position: between(self.position, next.position, fraction),
+        }
+    }
+}
+
+/// A goal with what has been achieved of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+enum Task {
+    Free,
+    Homing {
+        beacon: usize,
+        distance: f64,
+        speed: f64,
+        hold: f64,
+        /// Begin of the present stop.
+        stop: Option<Sample>,
+        /// Present distance to the beacon.
+        away: f64,
+    },
+    Gate {
+        /// The chord; offsets on it run from b₁ to b₂ in negative direction.
+        line: Line,
+        length: f64,
+        /// Smallest distances at which b₁ and b₂ are passed.
+        reach: [f64; 2],
+        direction: i8,
+        exit: f64,
+        /// Valid crossing: whether forward, distance from b₁.
+        crossing: Option<(bool, f64)>,
+        /// Present signed distance from the chord.
+        beyond: f64,
+    },
+    Eight {
+        pair: [usize; 2],
+        laps: u32,
+        close: f64,
+        /// Angle turned round each beacon, without the closing segment.
+        turned: [f64; 2],
+        /// Windings of the closed polygon.
+        windings: [f64; 2],
+        laps_done: u32,
+        gap: f64,
+    },
+    Slalom {
+        chain: Vec<usize>,
+        lines: Vec<Line>,
+        offset_max: f64,
+        /// Side of the first passage, 0 while open.
+        first_side: i8,
+        offsets: Vec<f64>,
+    },
+}
+
+/// Angle from `a` to `b` seen from `c`, in (−π, π], rad.
+fn turn(c: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let (a, b) = (difference(a, c), difference(b, c));
+    Scalar::atan2(a[0] * b[1] - a[1] * b[0], dot(a, b))
+}
+
+fn side_name(left: bool) -> &'static str {
+    if left { "left" } else { "right" }
+}
+
+fn place(p: [f64; 2]) -> String {
+    format!("({:.3}, {:.3}) m", p[0], p[1])
+}
+
+/// The lines normal to the local directions of a slalom chain, through its beacons.
+pub(crate) fn slalom_lines(layout: &Layout, chain: &[usize]) -> Vec<Line> {
+    let center = |k: usize| layout.beacons[chain[k]].position;
+    let last = chain.len() - 1;
+    let line = |k: usize| {
+        Line::across(
+            center(k),
+            center(k.saturating_sub(1)),
+            center((k + 1).min(last)),
+        )
+    };
+    (0..chain.len()).map(line).collect()
+}
+
+/// The line through a gate, forward in direction +1, and the distance of its beacons, m.
+///
+/// Distances from b₁ towards b₂ are the negative offsets on this line.
+pub(crate) fn gate_line(layout: &Layout, pair: [usize; 2]) -> (Line, f64) {
+    let [a, b] = pair.map(|i| layout.beacons[i].position);
+    let chord = Line::across(a, a, b).normal;
+    (
+        Line {
+            origin: a,
+            normal: [-chord[1], chord[0]],
+        },
+        distance(a, b),
+    )
+}
+
+impl Task {
+    fn new(layout: &Layout, goal: Option<&Goal>) -> Self {
+        let Some(goal) = goal else { return Task::Free };
+        match *goal {
+            Goal::Homing {
+                beacon,
+                distance,
+                speed,
+                hold,
+            } => Task::Homing {
+                beacon,
+                distance,
+                speed,
+                hold,
+                stop: None,
+                away: 0.0,
+            },
+            Goal::Gate {
+                pair,
+                direction,
+                exit,
+            } => {
+                let (line, length) = gate_line(layout, pair);
+                let reach = pair.map(|i| layout.collision_radius + layout.beacons[i].radius);
+                Task::Gate {
+                    line,
+                    length,
+                    reach,
+                    direction,
+                    exit,
+                    crossing: None,
+                    beyond: 0.0,
+                }
+            }
+            Goal::Eight { pair, laps, close } => {
+                let (turned, windings) = ([0.0; 2], [0.0; 2]);
+                Task::Eight {
+                    pair,
+                    laps,
+                    close,
+                    turned,
+                    windings,
+                    laps_done: 0,
+                    gap: 0.0,
+                }
+            }
+            Goal::Slalom {
+                ref chain,
+                first_side,
+                offset_max,
+            } => Task::Slalom {
+                chain: chain.clone(),
+                lines: slalom_lines(layout, chain),
+                offset_max,
+                first_side,
+                offsets: Vec::with_capacity(chain.len()),
+            },
+        }
+    }
+}
+
+/// Incremental judge of one attempt; its whole state can be cloned, saved and restored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Judge {
+    arena: [f64; 2],
+    beacons: Vec<Beacon>,
+    collision_radius: f64,
+    task: Task,
+    first: Option<Sample>,
+    last: Option<Sample>,
+    verdict: Verdict,
+    reason: String,
+    events: Vec<TaskEvent>,
+    /// Smallest distance between the disc and a beacon: distance, time, beacon.
+    clearance: Option<(f64, f64, usize)>,
+    /// Smallest distance between the disc and a wall: distance, time.
+    wall_clearance: Option<(f64, f64)>,
+    path_length: f64,
+}
+
+impl Judge {
+    /// A judge before the first sample; without a goal it only watches for contact.
+    ///
+    /// # Panics
+    /// If the goal refers to beacons that do not exist; see [`Goal::fault`].
+    pub fn new(layout: &Layout, goal: Option<&Goal>) -> Self {
+        Self {
+            arena: layout.arena,
+            beacons: layout.beacons.clone(),
+            collision_radius: layout.collision_radius,
+            task: Task::new(layout, goal),
+            first: None,
+            last: None,
+            verdict: Verdict::Running,
+            reason: String::new(),
+            events: Vec::new(),
+            clearance: None,
+            wall_clearance: None,
+            path_length: 0.0,
+        }
+    }
+
+    /// Takes the next sample: time, s; axle midpoint, world frame, m; forward speed, m/s.
+    ///
+    /// Times must increase. After the verdict is final samples are ignored. Allocates only when
+    /// something happens.
+    pub fn observe(&mut self, t: f64, position: [f64; 2], speed: f64) -> Verdict {
+        if self.verdict != Verdict::Running {
+            return self.verdict;
+        }
+        let now = Sample { t, position };
+        let previous = self.last.unwrap_or(now);
+        if ![t, position[0], position[1], speed]
+            .iter()
+            .all(|z| z.is_finite())
+        {
+            self.fail(previous, "motion is not finite".into());
+            return self.verdict;
+        }
+        let first = *self.first.get_or_insert(now);
+        self.path_length += distance(previous.position, now.position);
+        self.watch(previous, now);
+        if self.verdict == Verdict::Running {
+            self.advance(first, previous, now, speed);
+        }
+        self.last = Some(now);
+        self.verdict
+    }
+
+    /// Updates the clearances and fails on contact.
+    fn watch(&mut self, previous: Sample, now: Sample) {
+        let (p, q) = (previous.position, now.position);
+        let mut contact: Option<(f64, Option<usize>)> = None;
+        for (index, beacon) in self.beacons.iter().enumerate() {
+            let gap =
+                segment_distance(beacon.position, p, q) - self.collision_radius - beacon.radius;
+            if self.clearance.is_none_or(|(smallest, ..)| gap < smallest) {
+                self.clearance = Some((gap, now.t, index));
+            }
+            if gap < 0.0 {
+                let radius = self.collision_radius + beacon.radius;
+                let fraction = touch_fraction(beacon.position, radius, p, q);
+                if contact.is_none_or(|(earliest, _)| fraction < earliest) {
+                    contact = Some((fraction, Some(index)));
+                }
+            }
+        }
+        let gap = wall_distance(self.arena, q) - self.collision_radius;
+        if self
+            .wall_clearance
+            .is_none_or(|(smallest, _)| gap < smallest)
+        {
+            self.wall_clearance = Some((gap, now.t));
+        }
+        if gap < 0.0 {
+            let fraction = leave_fraction(self.arena, self.collision_radius, p, q);
+            if contact.is_none_or(|(earliest, _)| fraction < earliest) {
+                contact = Some((fraction, None));
+            }
+        }
+        if let Some((fraction, beacon)) = contact {
+            let text = match beacon {
+                Some(index) => format!("touched {}", self.beacons[index].name),
+                None => "left the arena".into(),
+            };
+            self.fail(previous.towards(now, fraction), text);
+        }
+    }
+
+    /// Follows the task over one segment without contact.
+    fn advance(&mut self, first: Sample, previous: Sample, now: Sample, speed: f64) {
+        match self.task {
+            Task::Free => {}
+            Task::Homing { .. } => self.advance_homing(first, now, speed),
+            Task::Gate { .. } => self.advance_gate(previous, now),
+            Task::Eight { .. } => self.advance_eight(first, previous, now),
+            Task::Slalom { .. } => self.advance_slalom(previous, now),
+        }
+    }
+
+    fn advance_homing(&mut self, first: Sample, now: Sample, speed_now: f64) {
+        let Task::Homing {
+            beacon,
+            distance: reach,
+            speed,
+            hold,
+            ref mut stop,
+            ref mut away,
+        } = self.task
+        else {
+            return;
+        };
+        *away = distance(now.position, self.beacons[beacon].position);
+        if *away > reach || speed_now.abs() > speed {
+            *stop = None;
+            return;
+        }
+        let begin = *stop.get_or_insert(now);
+        // The tolerance on time is the scorer's.
+        if now.t > first.t && now.t - begin.t >= hold - 1e-9 {
+            let name = &self.beacons[beacon].name;
+            let text = format!("stopped at {name}, {away:.3} m from its center");
+            let stay = format!("{text}, and stayed for {hold} s");
+            self.pass(begin, text, stay);
+        }
+    }
+
+    fn advance_gate(&mut self, previous: Sample, now: Sample) {
+        let Task::Gate {
+            line,
+            length,
+            reach,
+            direction,
+            exit,
+            crossing,
+            beyond,
+        } = &mut self.task
+        else {
+            return;
+        };
+        *beyond = line.distance(now.position);
+        if let Some(new) = line.crossing(previous.position, now.position) {
+            let along = -new.offset;
+            let valid = reach[0] <= along && along <= *length - reach[1];
+            let at = previous.towards(now, new.fraction);
+            if valid && crossing.is_some() {
+                return self.fail(at, "crossed the gate a second time".into());
+            }
+            if valid {
+                *crossing = Some((new.forward, along));
+                if *direction != 0 && new.forward != (*direction > 0) {
+                    return self.fail(at, "crossed the gate in the wrong direction".into());
+                }
+                let text = format!(
+                    "gate crossed, {:.3} m off its middle",
+                    (along - *length / 2.0).abs()
+                );
+                self.events.push(TaskEvent {
+                    t: at.t,
+                    position: at.position,
+                    text,
+                });
+            }
+        }
+        if let Some((forward, along)) = *crossing {
+            let side = if forward { *beyond } else { -*beyond };
+            if side >= *exit {
+                let error = (along - *length / 2.0).abs();
+                let text = format!("clear of the gate by {side:.3} m");
+                let reason = format!(
+                    "crossed the gate {error:.3} m off its middle and drove {side:.3} m beyond"
+                );
+                self.pass(now, text, reason);
+            }
+        }
+    }
+
+    fn advance_eight(&mut self, first: Sample, previous: Sample, now: Sample) {
+        let Task::Eight {
+            pair,
+            laps,
+            close,
+            ref mut turned,
+            ref mut windings,
+            ref mut laps_done,
+            ref mut gap,
+        } = self.task
+        else {
+            return;
+        };
+        let mut clear = true;
+        for (k, index) in pair.into_iter().enumerate() {
+            let beacon = &self.beacons[index];
+            let closing = turn(beacon.position, now.position, first.position);
+            turned[k] += turn(beacon.position, previous.position, now.position);
+            windings[k] = ((turned[k] + closing) / std::f64::consts::TAU).round();
+            clear &= segment_distance(beacon.position, now.position, first.position)
+                >= self.collision_radius + beacon.radius;
+        }
+        *gap = distance(now.position, first.position);
+        let opposite = windings[0] == -windings[1];
+        if opposite && windings[0].abs() == f64::from(laps) && *gap <= close && clear {
+            let text = format!("lap {laps} closed, gap {gap:.3} m");
+            let reason = match laps {
+                1 => format!("drove the figure eight and closed it to {gap:.3} m"),
+                _ => format!("drove {laps} figure eights and closed them to {gap:.3} m"),
+            };
+            return self.pass(now, text, reason);
+        }
+        let next = *laps_done + 1;
+        if opposite && next < laps && windings[0].abs() == f64::from(next) {
+            *laps_done = next;
+            let text = format!("lap {next} closed");
+            self.events.push(TaskEvent {
+                t: now.t,
+                position: now.position,
+                text,
+            });
+        }
+    }
+
+    fn advance_slalom(&mut self, previous: Sample, now: Sample) {
+        let Task::Slalom {
+            chain,
+            lines,
+            offset_max,
+            first_side,
+            offsets,
+        } = &mut self.task
+        else {
+            return;
+        };
+        // One segment may cross several lines; their order along it counts.
+        let mut after = -1.0;
+        while let Some(&index) = chain.get(offsets.len()) {
+            let beacon = &self.beacons[index];
+            let reach = self.collision_radius + beacon.radius;
+            let counts = |z: &Crossing| {
+                z.forward
+                    && z.fraction > after
+                    && reach <= z.offset.abs()
+                    && z.offset.abs() <= *offset_max
+            };
+            let crossing = lines[offsets.len()].crossing(previous.position, now.position);
+            let Some(crossing) = crossing.filter(counts) else {
+                return;
+            };
+            let left = crossing.offset > 0.0;
+            if *first_side == 0 {
+                *first_side = if left { 1 } else { -1 };
+            }
+            let at = previous.towards(now, crossing.fraction);
+            let (name, side) = (&beacon.name, side_name(left));
+            let wanted_left = (*first_side > 0) == offsets.len().is_multiple_of(2);
+            if left != wanted_left {
+                let wanted = side_name(wanted_left);
+                let text = format!("passed {name} on its {side}, had to pass on its {wanted}");
+                return self.fail(at, text);
+            }
+            offsets.push(crossing.offset);
+            after = crossing.fraction;
+            let text = format!(
+                "{name} passed on its {side}, {:.3} m",
+                crossing.offset.abs()
+            );
+            if offsets.len() == chain.len() {
+                let reason = format!("passed all {} beacons on alternating sides", chain.len());
+                return self.pass(at, text, reason);
+            }
+            self.events.push(TaskEvent {
+                t: at.t,
+                position: at.position,
+                text,
+            });
+        }
+    }
+
+    fn fail(&mut self, at: Sample, text: String) {
+        self.verdict = Verdict::Failed;
+        self.reason = format!("{text} at t = {:.3} s, at {}", at.t, place(at.position));
+        self.events.push(TaskEvent {
+            t: at.t,
+            position: at.position,
+            text,
+        });
+    }
+
+    fn pass(&mut self, at: Sample, text: String, reason: String) {
+        self.verdict = Verdict::Passed;
+        self.reason = format!("{reason}, at t = {:.3} s", at.t);
+        self.events.push(TaskEvent {
+            t: at.t,
+            position: at.position,
+            text,
+        });
+    }
+
+    /// The verdict so far.
+    pub fn verdict(&self) -> Verdict {
+        self.verdict
+    }
+
+    /// Why the task passed or failed, or what is missing while it runs; one sentence.
+    pub fn reason(&self) -> String {
+        match self.verdict {
+            Verdict::Running => self.timeout_reason(),
+            Verdict::Passed | Verdict::Failed => self.reason.clone(),
+        }
+    }
+
+    /// Hands over the events since the last call, oldest first.
+    pub fn take_events(&mut self) -> Vec<TaskEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// What is still missing, to be told when time is over; one sentence.
+    pub fn timeout_reason(&self) -> String {
+        match &self.task {
+            Task::Free => "no goal was set".into(),
+            Task::Homing {
+                beacon,
+                distance,
+                speed,
+                hold,
+                stop,
+                away,
+            } => {
+                let name = &self.beacons[*beacon].name;
+                match stop {
+                    Some(begin) => format!(
+                        "stopped at {name} at t = {:.3} s, but had to stay for {hold} s",
+                        begin.t
+                    ),
+                    None if away <= distance => {
+                        format!("came to {name}, but did not slow down to {speed} m/s")
+                    }
+                    None => {
+                        format!("ended {away:.3} m from {name}, had to stop within {distance} m")
+                    }
+                }
+            }
+            Task::Gate {
+                crossing,
+                exit,
+                beyond,
+                ..
+            } => match crossing {
+                Some((forward, _)) => {
+                    let side = if *forward { *beyond } else { -*beyond };
+                    format!("crossed the gate, but was {side:.3} m beyond it, had to be {exit} m")
+                }
+                None => "the gate was not crossed".into(),
+            },
+            Task::Eight {
+                laps,
+                windings,
+                close,
+                gap,
+                ..
+            } => {
+                let [a, b] = windings;
+                if a == &-b && a.abs() == f64::from(*laps) {
+                    format!(
+                        "drove round both beacons, but ended {gap:.3} m from the start, had to be within {close} m and without a beacon between"
+                    )
+                } else {
+                    format!(
+                        "drove {a} and {b} times round the beacons, had to be {laps} times in opposite directions"
+                    )
+                }
+            }
+            Task::Slalom { chain, offsets, .. } => match chain.get(offsets.len()) {
+                Some(&next) => format!(
+                    "passed {} of {} beacons, {} was not passed",
+                    offsets.len(),
+                    chain.len(),
+                    self.beacons[next].name
+                ),
+                None => "all beacons were passed".into(),
+            },
+        }
+    }
+
+    /// What was measured: name, value, unit (empty for a number without one).
+    ///
+    /// Clearances are between the robot's disc and what it must not touch. The slalom has one
+    /// `offset` for each passage, in order, positive to the left.
+    pub fn metrics(&self) -> Vec<(&'static str, f64, &'static str)> {
+        let mut metrics = Vec::new();
+        if let Some((gap, t, beacon)) = self.clearance {
+            metrics.push(("beacon clearance", gap, "m"));
+            metrics.push(("beacon clearance time", t, "s"));
+            metrics.push(("beacon clearance index", beacon as f64, ""));
+        }
+        if let Some((gap, t)) = self.wall_clearance {
+            metrics.push(("wall clearance", gap, "m"));
+            metrics.push(("wall clearance time", t, "s"));
+        }
+        metrics.push(("path length", self.path_length, "m"));
+        match &self.task {
+            Task::Free => {}
+            Task::Homing { stop, away, .. } => {
+                if let Some(begin) = stop {
+                    metrics.push(("settle time", begin.t, "s"));
+                }
+                metrics.push(("distance to beacon", *away, "m"));
+            }
+            Task::Gate {
+                length,
+                crossing,
+                beyond,
+                ..
+            } => {
+                if let Some((_, along)) = crossing {
+                    metrics.push(("center error", (along - length / 2.0).abs(), "m"));
+                }
+                metrics.push(("distance from gate", *beyond, "m"));
+            }
+            Task::Eight { windings, gap, .. } => {
+                metrics.push(("first winding", windings[0], ""));
+                metrics.push(("second winding", windings[1], ""));
+                metrics.push(("closing gap", *gap, "m"));
+            }
+            Task::Slalom { offsets, .. } => {
+                metrics.push(("beacons passed", offsets.len() as f64, ""));
+                metrics.extend(offsets.iter().map(|offset| ("offset", *offset, "m")));
+            }
+        }
+        metrics
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layout(beacons: &[[f64; 2]], start: [f64; 2]) -> Layout {
+        let beacon = |(i, p): (usize, &[f64; 2])| Beacon {
+            name: format!("b{i}"),
+            position: *p,
+            radius: 0.05,
+        };
+        let beacons = beacons.iter().enumerate().map(beacon).collect();
+        Layout {
+            arena: [6.0, 4.0],
+            beacons,
+            collision_radius: 0.25,
+            start: [start[0], start[1], 0.0],
+        }
+    }
+
+    /// Drives the polygon at 0.1 s per corner and returns the judge.
+    fn drive(layout: &Layout, goal: Option<&Goal>, corners: &[[f64; 2]]) -> Judge {
+        let mut judge = Judge::new(layout, goal);
+        for (k, p) in corners.iter().enumerate() {
+            judge.observe(0.1 * k as f64, *p, 1.0);
+        }
+        judge
+    }
+
+    fn check(
+        layout: &Layout,
+        goal: &Goal,
+        corners: &[[f64; 2]],
+        verdict: Verdict,
+        reason: &str,
+    ) -> Judge {
+        let judge = drive(layout, Some(goal), corners);
+        assert_eq!(judge.verdict(), verdict, "{}", judge.reason());
+        assert!(judge.reason().contains(reason), "{}", judge.reason());
+        judge
+    }
+
+    fn metric(judge: &Judge, name: &str) -> f64 {
+        let found = judge.metrics().into_iter().find(|m| m.0 == name);
+        found.expect("metric exists").1
+    }
+
+    #[test]
+    fn closed_form_touch_is_interpolated() {
+        // Contact at x = 3 − 0.3 on a segment from 2 to 4 within 0.1 s.
+        let judge = drive(
+            &layout(&[[3.0, 2.0]], [1.0, 2.0]),
+            None,
+            &[[2.0, 2.0], [4.0, 2.0]],
+        );
+        assert_eq!(
+            judge.reason(),
+            "touched b0 at t = 0.035 s, at (2.700, 2.000) m"
+        );
+    }
+
+    #[test]
+    fn closed_form_wall_is_interpolated() {
+        let judge = drive(&layout(&[], [1.0, 2.0]), None, &[[1.0, 2.0], [1.0, 4.5]]);
+        assert_eq!(
+            judge.reason(),
+            "left the arena at t = 0.070 s, at (1.000, 3.750) m"
+        );
+    }
+
+    #[test]
+    fn free_drive_never_ends_and_measures() {
+        let judge = drive(
+            &layout(&[[3.0, 3.0]], [1.0, 2.0]),
+            None,
+            &[[1.0, 2.0], [5.0, 2.0]],
+        );
+        assert_eq!(judge.verdict(), Verdict::Running);
+        assert!(
+            (metric(&judge, "beacon clearance") - 0.7).abs() < 1e-12,
+            "rounding only"
+        );
+        assert!(
+            (metric(&judge, "path length") - 4.0).abs() < 1e-12,
+            "rounding only"
+        );
+    }
+
+    #[test]
+    fn homing_counts_only_an_unbroken_stop() {
+        let layout = layout(&[[3.0, 2.0]], [2.0, 2.0]);
+        let goal = Goal::Homing {
+            beacon: 0,
+            distance: 0.45,
+            speed: 0.01,
+            hold: 1.0,
+        };
+        let mut judge = Judge::new(&layout, Some(&goal));
+        let mut verdict = Verdict::Running;
+        for k in 0..200 {
+            let t = 0.01 * f64::from(k);
+            let speed = if k == 50 { 0.02 } else { 0.0 };
+            verdict = judge.observe(t, [2.6, 2.0], speed);
+            if verdict != Verdict::Running {
+                assert_eq!(k, 151, "stop from sample 51, held for 1 s");
+                break;
+            }
+        }
+        assert_eq!(verdict, Verdict::Passed);
+        assert_eq!(judge.take_events().len(), 1);
+    }
+
+    #[test]
+    fn gate_needs_one_crossing_in_its_direction() {
+        // b0 below, b1 above: +1 goes towards −x.
+        let layout = layout(&[[3.0, 1.5], [3.0, 2.7]], [1.0, 2.1]);
+        let gate = |direction| Goal::Gate {
+            pair: [0, 1],
+            direction,
+            exit: 0.6,
+        };
+        let through = [[1.0, 2.1], [2.9, 2.1], [3.5, 2.1], [3.7, 2.1]];
+        let judge = check(
+            &layout,
+            &gate(-1),
+            &through,
+            Verdict::Passed,
+            "0.000 m off its middle",
+        );
+        assert_eq!(metric(&judge, "path length"), 2.7);
+        check(&layout, &gate(0), &through, Verdict::Passed, "");
+        check(
+            &layout,
+            &gate(1),
+            &through,
+            Verdict::Failed,
+            "wrong direction",
+        );
+        check(
+            &layout,
+            &gate(-1),
+            &through[..3],
+            Verdict::Running,
+            "had to be 0.6 m",
+        );
+        let back = [[1.0, 2.1], [3.5, 2.1], [2.0, 2.1]];
+        check(&layout, &gate(-1), &back, Verdict::Failed, "second time");
+        let past = [[1.0, 3.5], [5.0, 3.5]];
+        check(&layout, &gate(-1), &past, Verdict::Running, "not crossed");
+    }
+
+    #[test]
+    fn eight_needs_opposite_windings() {
+        let layout = layout(&[[2.0, 2.0], [4.0, 2.0]], [3.0, 2.0]);
+        let goal = |laps| Goal::Eight {
+            pair: [0, 1],
+            laps,
+            close: 0.3,
+        };
+        let first = [[3.0, 2.0], [2.0, 1.0], [1.0, 2.0], [2.0, 3.0], [3.0, 2.0]];
+        let second = [[4.0, 1.0], [5.0, 2.0], [4.0, 3.0], [3.0, 2.0]];
+        let eight: Vec<_> = first.iter().chain(&second).copied().collect();
+        let judge = check(&layout, &goal(1), &eight, Verdict::Passed, "closed it");
+        assert_eq!(
+            metric(&judge, "first winding"),
+            -metric(&judge, "second winding")
+        );
+        check(
+            &layout,
+            &goal(2),
+            &eight,
+            Verdict::Running,
+            "had to be 2 times",
+        );
+        check(
+            &layout,
+            &goal(1),
+            &first,
+            Verdict::Running,
+            "in opposite directions",
+        );
+        let mut twice = eight.clone();
+        twice.extend(&eight[1..]);
+        let mut judge = check(
+            &layout,
+            &goal(2),
+            &twice,
+            Verdict::Passed,
+            "2 figure eights",
+        );
+        let events = judge.take_events();
+        assert_eq!(
+            events.iter().filter(|e| e.text.starts_with("lap")).count(),
+            2
+        );
+    }
+
+    #[test]
+    fn slalom_needs_alternating_sides() {
+        let layout = layout(&[[2.0, 2.0], [3.2, 2.0], [4.4, 2.0]], [1.0, 2.0]);
+        let goal = |first_side| Goal::Slalom {
+            chain: vec![0, 1, 2],
+            first_side,
+            offset_max: 1.2,
+        };
+        let wave = [[1.0, 2.0], [2.0, 2.5], [3.2, 1.5], [4.4, 2.5], [5.0, 2.5]];
+        let judge = check(&layout, &goal(1), &wave, Verdict::Passed, "all 3 beacons");
+        let offsets: Vec<f64> = judge
+            .metrics()
+            .into_iter()
+            .filter(|m| m.0 == "offset")
+            .map(|m| m.1)
+            .collect();
+        assert_eq!(offsets, [0.5, -0.5, 0.5]);
+        check(&layout, &goal(0), &wave, Verdict::Passed, "");
+        check(
+            &layout,
+            &goal(-1),
+            &wave,
+            Verdict::Failed,
+            "passed b0 on its left, had to pass on its right",
+        );
+        check(
+            &layout,
+            &goal(1),
+            &wave[..3],
+            Verdict::Running,
+            "passed 2 of 3 beacons, b2 was not passed",
+        );
+        // Too far aside does not count, whatever the side.
+        let wide = [[1.0, 0.5], [5.5, 0.5]];
+        check(
+            &layout,
+            &goal(1),
+            &wide,
+            Verdict::Running,
+            "b0 was not passed",
+        );
+    }
+
+    #[test]
+    fn non_finite_motion_fails() {
+        let judge = drive(
+            &layout(&[], [1.0, 2.0]),
+            None,
+            &[[1.0, 2.0], [f64::NAN, 2.0]],
+        );
+        assert_eq!(judge.verdict(), Verdict::Failed);
+    }
+}

@@ -1,0 +1,1835 @@
+//! Global planner: a reference path for the goal of a layout, for a disc robot that can turn on the
+//! spot.
+//!
+//! World frame, SI units. Beacons are discs inflated by the robot's radius and a margin; the
+//! shortest path among them runs on common tangents and arcs. A [`Rule`] counts the crossings the
+//! goal asks for while the path is searched, so that a taut string for a slalom, a gate or a figure
+//! eight is the shortest path in the product of tangent graph and count. Strings with several
+//! margins are smoothed, walked before the [`Judge`], and the quickest with enough clearance is
+//! kept.
+
+use crate::judge::{
+    Judge, Line, Verdict, between, difference, distance, dot, gate_line, segment_distance,
+    slalom_lines, wall_distance,
+};
+use crate::layout::{Goal, Layout};
+use appell_model::scalar::Scalar;
+use serde::{Deserialize, Serialize};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::f64::consts::{PI, TAU};
+use std::ops::Range;
+
+/// A smooth path sampled at equal arc lengths.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Path {
+    /// Arc length between neighboring points, m.
+    pub ds: f64,
+    /// Points, world frame, m; only one if there is nothing to drive.
+    pub points: Vec<[f64; 2]>,
+    /// Direction of travel at each point, without jumps of 2π, rad.
+    pub heading: Vec<f64>,
+    /// Curvature at each point, positive to the left, 1/m.
+    pub curvature: Vec<f64>,
+    /// Length of the whole path, m.
+    pub length: f64,
+}
+
+/// Why no path was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanError {
+    /// What is wrong.
+    pub reason: String,
+    /// What to change.
+    pub hint: String,
+}
+
+impl std::fmt::Display for PlanError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}\nhint: {}", self.reason, self.hint)
+    }
+}
+
+impl std::error::Error for PlanError {}
+
+/// What the robot that follows a path can do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpeedLimits {
+    /// Largest speed, m/s.
+    pub speed: f64,
+    /// Largest acceleration along the path, either way, m/s².
+    pub acceleration: f64,
+    /// Largest acceleration across the path, m/s².
+    pub lateral_acceleration: f64,
+    /// Largest yaw rate, rad/s.
+    pub yaw_rate: f64,
+}
+
+/// Limits by which candidates are compared.
+const NOMINAL: SpeedLimits = SpeedLimits {
+    speed: 1.0,
+    acceleration: 0.8,
+    lateral_acceleration: 0.8,
+    yaw_rate: 1.8,
+};
+/// Margins round the inflated beacons that are tried, m.
+const MARGINS: [f64; 7] = [0.35, 0.20, 0.14, 0.09, 0.06, 0.035, 0.012];
+/// Lengths of the moving averages that are tried, m.
+const WINDOWS: [f64; 4] = [0.40, 0.25, 0.15, 0.08];
+/// Length of the moving average if none of the others passes, m.
+const WINDOW_LAST: f64 = 0.03;
+/// Arc length between path points, m.
+const SPACING: f64 = 0.02;
+/// Clearance that is enough to stop looking for more, m.
+const COMFORT: f64 = 0.08;
+/// Distance from the start within which clearance is the layout's affair, m.
+const START_ZONE: f64 = 0.3;
+/// Slack for contact between a tangent and a disc it just touches, m.
+const GRAZE: f64 = 1e-7;
+/// Angle between the corners of a polygonal arc, rad.
+const ARC_STEP: f64 = 0.1;
+
+impl Path {
+    /// Position, heading and curvature at arc length `s`, m; held beyond the ends.
+    pub fn at(&self, s: f64) -> ([f64; 2], f64, f64) {
+        let last = self.points.len() - 1;
+        let steps = if self.ds > 0.0 {
+            (s / self.ds).clamp(0.0, last as f64)
+        } else {
+            0.0
+        };
+        let k = (steps.floor() as usize).min(last.saturating_sub(1));
+        let (next, fraction) = ((k + 1).min(last), steps - k as f64);
+        let mix = |values: &[f64]| values[k] + fraction * (values[next] - values[k]);
+        (
+            between(self.points[k], self.points[next], fraction),
+            mix(&self.heading),
+            mix(&self.curvature),
+        )
+    }
+
+    /// Largest speed at each point that keeps the limits, from rest to rest, m/s.
+    pub fn speed_profile(&self, limits: &SpeedLimits) -> Vec<f64> {
+        let bound = |curvature: &f64| {
+            let curvature = curvature.abs().max(1e-9);
+            limits
+                .speed
+                .min(limits.yaw_rate / curvature)
+                .min((limits.lateral_acceleration / curvature).sqrt())
+        };
+        let mut speed: Vec<f64> = self.curvature.iter().map(bound).collect();
+        let gain = 2.0 * limits.acceleration * self.ds;
+        let (first, last) = (0, speed.len() - 1);
+        speed[first] = 0.0;
+        speed[last] = 0.0;
+        for k in 1..=last {
+            speed[k] = speed[k].min((speed[k - 1] * speed[k - 1] + gain).sqrt());
+        }
+        for k in (0..last).rev() {
+            speed[k] = speed[k].min((speed[k + 1] * speed[k + 1] + gain).sqrt());
+        }
+        speed
+    }
+
+    /// Time to follow the path within the limits, s.
+    fn duration(&self, limits: &SpeedLimits) -> f64 {
+        let speed = self.speed_profile(limits);
+        speed
+            .windows(2)
+            .map(|pair| 2.0 * self.ds / (pair[0] + pair[1]).max(1e-3))
+            .sum()
+    }
+
+    fn standing(start: [f64; 3]) -> Self {
+        let points = vec![[start[0], start[1]]];
+        Self {
+            ds: 0.0,
+            points,
+            heading: vec![start[2]],
+            curvature: vec![0.0],
+            length: 0.0,
+        }
+    }
+
+    /// The polygon with its corners rounded by a moving average applied twice.
+    fn smoothed(polygon: &[[f64; 2]], window: f64) -> Option<Self> {
+        let (points, ds) = resampled(polygon)?;
+        let half = (window / ds / 2.0).round() as usize;
+        let (points, ds) = resampled(&averaged(&averaged(&points, half), half))?;
+        let last = points.len() - 1;
+        let mut heading: Vec<f64> = Vec::with_capacity(points.len());
+        for k in 0..=last {
+            let along = difference(points[(k + 1).min(last)], points[k.saturating_sub(1)]);
+            let angle = Scalar::atan2(along[1], along[0]);
+            let previous = heading.last().copied().unwrap_or(angle);
+            heading.push(previous + wrapped(angle - previous));
+        }
+        let curvature = (0..=last)
+            .map(|k| {
+                let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
+                (heading[after] - heading[before]) / ((after - before) as f64 * ds)
+            })
+            .collect();
+        Some(Self {
+            ds,
+            points,
+            heading,
+            curvature,
+            length: ds * last as f64,
+        })
+    }
+}
+
+/// The angle in [−π, π), rad.
+fn wrapped(angle: f64) -> f64 {
+    angle - TAU * ((angle + PI) / TAU).floor()
+}
+
+/// Points at equal arc lengths on a polygon and their distance; none if it has no length.
+fn resampled(polygon: &[[f64; 2]]) -> Option<(Vec<[f64; 2]>, f64)> {
+    let length: f64 = polygon
+        .windows(2)
+        .map(|pair| distance(pair[0], pair[1]))
+        .sum();
+    if length < 1e-6 {
+        return None;
+    }
+    let count = (length / SPACING).ceil().max(2.0);
+    let ds = length / count;
+    let mut points = vec![polygon[0]];
+    let mut passed = 0.0;
+    for pair in polygon.windows(2) {
+        let step = distance(pair[0], pair[1]);
+        while (points.len() as f64) < count && points.len() as f64 * ds <= passed + step {
+            let rest = points.len() as f64 * ds - passed;
+            points.push(between(pair[0], pair[1], rest / step));
+        }
+        passed += step;
+    }
+    points.push(*polygon.last()?);
+    Some((points, ds))
+}
+
+/// Moving average over `2 half + 1` points; the ends are continued point-symmetrically and stay.
+fn averaged(points: &[[f64; 2]], half: usize) -> Vec<[f64; 2]> {
+    let last = points.len() - 1;
+    let half = half.min(last);
+    let mirrored = |end: [f64; 2], p: [f64; 2]| [2.0 * end[0] - p[0], 2.0 * end[1] - p[1]];
+    let before = (1..=half).rev().map(|i| mirrored(points[0], points[i]));
+    let after = (1..=half).map(|i| mirrored(points[last], points[last - i]));
+    let padded: Vec<[f64; 2]> = before.chain(points.iter().copied()).chain(after).collect();
+    let width = 2 * half + 1;
+    let mut sum = [0.0; 2];
+    let mut average = Vec::with_capacity(points.len());
+    for (k, p) in padded.iter().enumerate() {
+        sum = [sum[0] + p[0], sum[1] + p[1]];
+        if k >= width {
+            sum = difference(sum, padded[k - width]);
+        }
+        if k + 1 >= width {
+            average.push([sum[0] / width as f64, sum[1] / width as f64]);
+        }
+    }
+    // The means of the symmetric ends are the ends but for rounding.
+    average[0] = points[0];
+    average[last] = points[last];
+    average
+}
+
+fn left_of(v: [f64; 2]) -> [f64; 2] {
+    [-v[1], v[0]]
+}
+
+/// The point `p + a u`.
+fn ahead(p: [f64; 2], u: [f64; 2], a: f64) -> [f64; 2] {
+    [p[0] + a * u[0], p[1] + a * u[1]]
+}
+
+// ------------------------------------------------------------------------------- crossing rules
+
+/// What a path may cross, and what it must cross in order; each crossing asked for is a stage.
+enum Rule {
+    Free,
+    /// Never between these offsets of the line.
+    Shut {
+        line: Line,
+        offsets: Range<f64>,
+    },
+    /// Exactly once between these offsets, in this direction.
+    Through {
+        line: Line,
+        offsets: Range<f64>,
+        forward: bool,
+    },
+    /// The parts of the line (before the first beacon, between, after the second) in order.
+    Eight {
+        line: Line,
+        length: f64,
+        word: Vec<(usize, bool)>,
+    },
+    /// Each line forward, on alternating sides.
+    Slalom {
+        lines: Vec<Line>,
+        reach: Vec<f64>,
+        offset_max: f64,
+        left_first: bool,
+    },
+}
+
+impl Rule {
+    /// Number of crossings asked for.
+    fn stages(&self) -> usize {
+        match self {
+            Rule::Free | Rule::Shut { .. } => 0,
+            Rule::Through { .. } => 1,
+            Rule::Eight { word, .. } => word.len(),
+            Rule::Slalom { lines, .. } => lines.len(),
+        }
+    }
+
+    /// The stage after the segment from `p` to `q`; none if it is forbidden.
+    fn advance(&self, stage: usize, p: [f64; 2], q: [f64; 2]) -> Option<usize> {
+        match self {
+            Rule::Free => Some(stage),
+            Rule::Shut { line, offsets } => match line.crossing(p, q) {
+                Some(z) if offsets.contains(&z.offset) => None,
+                Some(_) | None => Some(stage),
+            },
+            Rule::Through {
+                line,
+                offsets,
+                forward,
+            } => match line.crossing(p, q) {
+                Some(z) if offsets.contains(&z.offset) => {
+                    (stage == 0 && z.forward == *forward).then_some(1)
+                }
+                Some(_) | None => Some(stage),
+            },
+            Rule::Eight { line, length, word } => match line.crossing(p, q) {
+                Some(z) => {
+                    let part = usize::from(z.offset < 0.0) + usize::from(z.offset < -length);
+                    (word.get(stage) == Some(&(part, z.forward))).then_some(stage + 1)
+                }
+                None => Some(stage),
+            },
+            Rule::Slalom { .. } => self.advance_slalom(stage, p, q),
+        }
+    }
+
+    fn advance_slalom(&self, mut stage: usize, p: [f64; 2], q: [f64; 2]) -> Option<usize> {
+        let Rule::Slalom {
+            lines,
+            reach,
+            offset_max,
+            left_first,
+        } = self
+        else {
+            return None;
+        };
+        let mut after = -1.0;
+        while let Some(line) = lines.get(stage) {
+            let Some(z) = line
+                .crossing(p, q)
+                .filter(|z| z.forward && z.fraction > after)
+            else {
+                break;
+            };
+            let wanted_left = *left_first == stage.is_multiple_of(2);
+            let aside = z.offset.abs();
+            // The last centimeters of the allowed range are left to tracking errors.
+            let slack = 0.03_f64.min((offset_max - reach[stage]) / 4.0);
+            if aside < reach[stage] || aside > offset_max + slack {
+                break;
+            }
+            if (z.offset > 0.0) != wanted_left || aside > offset_max - slack {
+                return None;
+            }
+            stage += 1;
+            after = z.fraction;
+        }
+        Some(stage)
+    }
+}
+
+// -------------------------------------------------------------------------------- tangent graph
+
+/// A circle a string may lie against; a point if it has no radius.
+#[derive(Clone, Debug)]
+struct Circle {
+    center: [f64; 2],
+    radius: f64,
+    /// Whether a string may not enter.
+    solid: bool,
+    /// Senses of travel: counter-clockwise +1, clockwise −1.
+    senses: &'static [f64],
+    /// A terminal of the search on the circle.
+    anchor: Option<[f64; 2]>,
+    enters: bool,
+    leaves: bool,
+}
+
+const BOTH: &[f64] = &[1.0, -1.0];
+const LEFT: &[f64] = &[1.0];
+const RIGHT: &[f64] = &[-1.0];
+
+impl Circle {
+    fn beacon(center: [f64; 2], radius: f64) -> Self {
+        Self {
+            center,
+            radius,
+            solid: true,
+            senses: BOTH,
+            anchor: None,
+            enters: true,
+            leaves: true,
+        }
+    }
+
+    fn point(at: [f64; 2], enters: bool, leaves: bool) -> Self {
+        let anchor = Some(at);
+        Self {
+            center: at,
+            radius: 0.0,
+            solid: false,
+            senses: LEFT,
+            anchor,
+            enters,
+            leaves,
+        }
+    }
+
+    /// A circle on which a string arrives at `at` in direction `along`, turning left or right.
+    fn guide(at: [f64; 2], along: [f64; 2], radius: f64, left: bool) -> Self {
+        let sense = if left { 1.0 } else { -1.0 };
+        Self {
+            center: ahead(at, left_of(along), sense * radius),
+            radius,
+            solid: false,
+            senses: if left { LEFT } else { RIGHT },
+            anchor: Some(at),
+            enters: true,
+            leaves: false,
+        }
+    }
+}
+
+struct Edge {
+    to: usize,
+    length: f64,
+    /// Corners between the ends.
+    bends: Range<usize>,
+}
+
+struct Node {
+    position: [f64; 2],
+    edges: Vec<Edge>,
+}
+
+/// Free space: the inset arena without the solid circles.
+struct Space {
+    low: [f64; 2],
+    high: [f64; 2],
+    circles: Vec<Circle>,
+}
+
+impl Space {
+    fn inside(&self, p: [f64; 2]) -> bool {
+        (0..2).all(|axis| self.low[axis] - 1e-9 <= p[axis] && p[axis] <= self.high[axis] + 1e-9)
+    }
+
+    /// Whether the segment is inside and off all solid circles but two.
+    fn clear(&self, p: [f64; 2], q: [f64; 2], but: [usize; 2]) -> bool {
+        let off = |(index, circle): (usize, &Circle)| {
+            !circle.solid
+                || but.contains(&index)
+                || segment_distance(circle.center, p, q) >= circle.radius - GRAZE
+        };
+        self.inside(p) && self.inside(q) && self.circles.iter().enumerate().all(off)
+    }
+
+    fn clear_of_all(&self, p: [f64; 2], q: [f64; 2]) -> bool {
+        self.clear(p, q, [usize::MAX; 2])
+    }
+}
+
+/// Tangents between all circles, and the arcs that join them.
+struct Graph {
+    nodes: Vec<Node>,
+    bends: Vec<[f64; 2]>,
+    /// Node of the anchor of each circle.
+    anchors: Vec<Option<usize>>,
+}
+
+/// Points where the common tangent leaves circle `a` and meets circle `b`, in these senses.
+fn tangent(a: &Circle, a_sense: f64, b: &Circle, b_sense: f64) -> Option<([f64; 2], [f64; 2])> {
+    let across = difference(b.center, a.center);
+    let square = dot(across, across);
+    let (from, to) = (a_sense * a.radius, b_sense * b.radius);
+    let shift = to - from;
+    let rest = square - shift * shift;
+    if square < 1e-12 || rest < 0.0 {
+        return None;
+    }
+    let along = rest.sqrt();
+    let left = left_of(across);
+    let unit = [0, 1].map(|i| (along * across[i] - shift * left[i]) / square);
+    let left = left_of(unit);
+    Some((ahead(a.center, left, -from), ahead(b.center, left, -to)))
+}
+
+impl Graph {
+    fn new(space: &Space) -> Self {
+        let mut graph = Self {
+            nodes: Vec::new(),
+            bends: Vec::new(),
+            anchors: Vec::new(),
+        };
+        // Nodes on each circle in each sense, by angle.
+        let mut rings: Vec<[Vec<(f64, usize)>; 2]> = vec![[vec![], vec![]]; space.circles.len()];
+        for (circle, ring) in space.circles.iter().zip(&mut rings) {
+            let node = circle.anchor.map(|at| {
+                let node = graph.add(at);
+                ring[sense_index(circle.senses[0])].push((angle_on(circle, at), node));
+                node
+            });
+            graph.anchors.push(node);
+        }
+        for (i, a) in space.circles.iter().enumerate().filter(|(_, a)| a.leaves) {
+            for (j, b) in space
+                .circles
+                .iter()
+                .enumerate()
+                .filter(|(j, b)| b.enters && *j != i)
+            {
+                for (&from, &to) in a
+                    .senses
+                    .iter()
+                    .flat_map(|f| b.senses.iter().map(move |t| (f, t)))
+                {
+                    let Some((p, q)) = tangent(a, from, b, to) else {
+                        continue;
+                    };
+                    if space.clear(p, q, [i, j]) {
+                        let start = graph.node_on(a, p, &mut rings[i][sense_index(from)], i);
+                        let end = graph.node_on(b, q, &mut rings[j][sense_index(to)], j);
+                        graph.connect(start, end, distance(p, q), 0..0);
+                    }
+                }
+            }
+        }
+        for (index, ring) in rings.iter_mut().enumerate() {
+            if space.circles[index].radius > 0.0 {
+                for (ring, sense) in ring.iter_mut().zip(BOTH) {
+                    graph.add_arcs(space, index, *sense, ring);
+                }
+            }
+        }
+        graph
+    }
+
+    fn add(&mut self, position: [f64; 2]) -> usize {
+        self.nodes.push(Node {
+            position,
+            edges: Vec::new(),
+        });
+        self.nodes.len() - 1
+    }
+
+    fn node_on(
+        &mut self,
+        circle: &Circle,
+        at: [f64; 2],
+        ring: &mut Vec<(f64, usize)>,
+        index: usize,
+    ) -> usize {
+        if let (true, Some(anchor)) = (circle.radius == 0.0, self.anchors[index]) {
+            return anchor;
+        }
+        let node = self.add(at);
+        ring.push((angle_on(circle, at), node));
+        node
+    }
+
+    fn connect(&mut self, from: usize, to: usize, length: f64, bends: Range<usize>) {
+        self.nodes[from].edges.push(Edge { to, length, bends });
+    }
+
+    /// Joins neighboring nodes of a circle by arcs in the given sense, where nothing is in the way.
+    fn add_arcs(&mut self, space: &Space, index: usize, sense: f64, ring: &mut [(f64, usize)]) {
+        let circle = &space.circles[index];
+        ring.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if sense < 0.0 {
+            ring.reverse();
+        }
+        let count = if ring.len() > 1 { ring.len() } else { 0 };
+        for k in 0..count {
+            let ((a, from), (b, to)) = (ring[k], ring[(k + 1) % count]);
+            let mut angle = sense * (b - a);
+            if angle < 0.0 {
+                angle += TAU;
+            }
+            if angle < 1e-9 {
+                // The order of nodes in one place is arbitrary.
+                self.connect(to, from, 0.0, 0..0);
+            }
+            let steps = (angle / ARC_STEP).ceil().max(1.0);
+            let begin = self.bends.len();
+            let mut previous = self.nodes[from].position;
+            let mut free = space.clear(previous, previous, [index; 2]);
+            for step in 1..=steps as usize {
+                let (sin, cos) = Scalar::sin_cos(a + sense * angle * step as f64 / steps);
+                let here = ahead(circle.center, [cos, sin], circle.radius);
+                free = free && space.clear(previous, here, [index; 2]);
+                self.bends.push(here);
+                previous = here;
+            }
+            self.bends.pop();
+            if free {
+                let bends = begin..self.bends.len();
+                self.connect(from, to, circle.radius * angle, bends);
+            } else {
+                self.bends.truncate(begin);
+            }
+        }
+    }
+
+    /// Shortest path from the anchor `from` to any of the anchors `to` that obeys the rule.
+    ///
+    /// Otherwise the last stage that was reached.
+    fn shortest(&self, rule: &Rule, from: usize, to: &[usize]) -> Result<Vec<[f64; 2]>, usize> {
+        let layers = rule.stages() + 1;
+        let targets: Vec<usize> = to.iter().filter_map(|&i| self.anchors[i]).collect();
+        let mut best = vec![f64::INFINITY; self.nodes.len() * layers];
+        let mut before: Vec<Option<(usize, usize)>> = vec![None; best.len()];
+        let mut queue = BinaryHeap::new();
+        let start = self.anchors[from].expect("terminals have anchors") * layers;
+        best[start] = 0.0;
+        queue.push(Reverse((0_u64, start)));
+        let mut reached = 0;
+        while let Some(Reverse((bits, state))) = queue.pop() {
+            let length = f64::from_bits(bits);
+            if length > best[state] {
+                continue;
+            }
+            let (node, stage) = (state / layers, state % layers);
+            reached = reached.max(stage);
+            if stage + 1 == layers && targets.contains(&node) {
+                return Ok(self.traced(&before, state, layers));
+            }
+            for (index, edge) in self.nodes[node].edges.iter().enumerate() {
+                let Some(stage) = self.advance(rule, stage, node, edge) else {
+                    continue;
+                };
+                let next = edge.to * layers + stage;
+                if length + edge.length < best[next] {
+                    best[next] = length + edge.length;
+                    before[next] = Some((state, index));
+                    // Bits of positive numbers are ordered as the numbers are.
+                    queue.push(Reverse((best[next].to_bits(), next)));
+                }
+            }
+        }
+        Err(reached)
+    }
+
+    fn advance(&self, rule: &Rule, mut stage: usize, from: usize, edge: &Edge) -> Option<usize> {
+        let mut previous = self.nodes[from].position;
+        for &bend in &self.bends[edge.bends.clone()] {
+            stage = rule.advance(stage, previous, bend)?;
+            previous = bend;
+        }
+        rule.advance(stage, previous, self.nodes[edge.to].position)
+    }
+
+    fn traced(
+        &self,
+        before: &[Option<(usize, usize)>],
+        end: usize,
+        layers: usize,
+    ) -> Vec<[f64; 2]> {
+        let mut state = end;
+        let mut points = vec![self.nodes[end / layers].position];
+        while let Some((previous, edge)) = before[state] {
+            let node = &self.nodes[previous / layers];
+            points.extend(self.bends[node.edges[edge].bends.clone()].iter().rev());
+            points.push(node.position);
+            state = previous;
+        }
+        points.reverse();
+        points.dedup_by(|a, b| distance(*a, *b) < 1e-9);
+        points
+    }
+}
+
+/// A graph with the terminals of a search.
+struct Network {
+    graph: Graph,
+    start: usize,
+    targets: Vec<usize>,
+}
+
+impl Network {
+    fn shortest(&self, rule: &Rule) -> Result<Vec<[f64; 2]>, usize> {
+        self.graph.shortest(rule, self.start, &self.targets)
+    }
+}
+
+fn sense_index(sense: f64) -> usize {
+    usize::from(sense < 0.0)
+}
+
+fn angle_on(circle: &Circle, at: [f64; 2]) -> f64 {
+    let arm = difference(at, circle.center);
+    Scalar::atan2(arm[1], arm[0])
+}
+
+// ------------------------------------------------------------------------------------ candidates
+
+/// How much room to keep in a search.
+#[derive(Clone, Copy, Debug)]
+struct Room {
+    /// Distance to keep from beacons where there is room, m.
+    margin: f64,
+    /// Whether to keep less in narrow gaps rather than to shun them.
+    squeeze: bool,
+}
+
+/// A gate in the direction of its passage.
+#[derive(Clone)]
+struct Passage {
+    line: Line,
+    /// Where the chord is on the line.
+    offsets: Range<f64>,
+    /// Whether the passage is along the normal of the line.
+    forward: bool,
+    middle: [f64; 2],
+    /// Unit vector of the passage.
+    normal: [f64; 2],
+    exit: f64,
+}
+
+impl Passage {
+    fn new(layout: &Layout, pair: [usize; 2], forward: bool, exit: f64) -> Self {
+        let (line, length) = gate_line(layout, pair);
+        let sign = if forward { 1.0 } else { -1.0 };
+        let normal = line.normal.map(|z| z * sign);
+        let middle = ahead(line.origin, left_of(line.normal), -length / 2.0);
+        Self {
+            line,
+            offsets: -length..0.0,
+            forward,
+            middle,
+            normal,
+            exit,
+        }
+    }
+
+    /// Points that are clear of the gate, on the exit side.
+    fn beyond(&self) -> Vec<Circle> {
+        let at = |k: i32, extra: f64| {
+            let aside = ahead(self.middle, left_of(self.normal), f64::from(k) * 0.3);
+            Circle::point(ahead(aside, self.normal, self.exit + extra), true, false)
+        };
+        let row = |extra: f64| (-6..=6).map(move |k| at(k, extra));
+        row(0.15).chain(row(0.06)).collect()
+    }
+}
+
+/// The straight part of a passage.
+struct Entry {
+    /// Unit vector of travel.
+    axis: [f64; 2],
+    /// Length before the middle of the gate, or less if that is not free, m.
+    before: f64,
+    /// Radius of the arc that leads to it, 0 for a corner, m.
+    radius: f64,
+}
+
+/// A path that passes the judge.
+struct Candidate {
+    path: Path,
+    /// Nominal duration, s, raised where clearance or reserve lacks.
+    cost: f64,
+    /// Smallest clearance away from the start, m.
+    clearance: f64,
+    /// Whether it passes with something in reserve.
+    strict: bool,
+}
+
+/// One task of planning.
+struct Planner<'a> {
+    layout: &'a Layout,
+    goal: &'a Goal,
+    start: [f64; 2],
+}
+
+/// A string for a goal, or the stage at which the search got stuck.
+type Strings = Vec<Result<Vec<[f64; 2]>, usize>>;
+
+impl<'a> Planner<'a> {
+    /// Distance between axle midpoint and beacon at contact, m.
+    fn reach(&self, beacon: usize) -> f64 {
+        self.layout.collision_radius + self.layout.beacons[beacon].radius
+    }
+
+    fn center(&self, beacon: usize) -> [f64; 2] {
+        self.layout.beacons[beacon].position
+    }
+
+    /// What the robot has to spare between two beacons, m.
+    fn spare(&self, i: usize, j: usize) -> f64 {
+        distance(self.center(i), self.center(j)) - self.reach(i) - self.reach(j)
+    }
+
+    /// Pairs of beacons between which the goal leads.
+    fn gaps(&self) -> Vec<[usize; 2]> {
+        match self.goal {
+            Goal::Homing { .. } => vec![],
+            Goal::Gate { pair, .. } | Goal::Eight { pair, .. } => vec![*pair],
+            Goal::Slalom { chain, .. } => chain.windows(2).map(|w| [w[0], w[1]]).collect(),
+        }
+    }
+
+    /// How much of what a gap of the goal spares may be margin of one of its beacons.
+    fn share(&self) -> f64 {
+        match self.goal {
+            Goal::Gate { .. } => 0.499,
+            Goal::Homing { .. } | Goal::Eight { .. } => 0.42,
+            Goal::Slalom { .. } => 0.36,
+        }
+    }
+
+    fn space(&self, room: Room) -> Space {
+        let [width, height] = self.layout.arena;
+        let inset = self.layout.collision_radius;
+        let wall = (0.4 * room.margin).min(0.08);
+        let from_start = |d: f64| inset + wall.min((d - inset - 1e-6).max(0.0));
+        let [x, y] = self.start;
+        Space {
+            low: [from_start(x), from_start(y)],
+            high: [
+                width - from_start(width - x),
+                height - from_start(height - y),
+            ],
+            circles: (0..self.layout.beacons.len())
+                .map(|i| Circle::beacon(self.center(i), self.reach(i) + self.margin(i, room, wall)))
+                .collect(),
+        }
+    }
+
+    /// Margin round one beacon: what is asked for, or less where start, goal or gaps need it.
+    fn margin(&self, beacon: usize, room: Room, wall: f64) -> f64 {
+        let mut margin = room
+            .margin
+            .min(distance(self.start, self.center(beacon)) - self.reach(beacon) - 1e-6);
+        for pair in self.gaps().iter().filter(|pair| pair.contains(&beacon)) {
+            margin = margin.min(self.share() * self.spare(pair[0], pair[1]));
+        }
+        match *self.goal {
+            Goal::Homing {
+                beacon: home,
+                distance: radius,
+                ..
+            } if home == beacon => {
+                margin = margin.min(0.4 * (radius - self.reach(home)));
+            }
+            Goal::Slalom {
+                ref chain,
+                offset_max,
+                ..
+            } if chain.contains(&beacon) => {
+                margin = margin.min(0.4 * (offset_max - self.reach(beacon)));
+            }
+            Goal::Homing { .. } | Goal::Gate { .. } | Goal::Eight { .. } | Goal::Slalom { .. } => {}
+        }
+        if room.squeeze {
+            let between_beacons = (0..self.layout.beacons.len())
+                .filter(|&other| other != beacon)
+                .map(|other| 0.49 * self.spare(beacon, other));
+            let [x, y] = self.center(beacon);
+            let [width, height] = self.layout.arena;
+            let to_wall =
+                |d: f64| d - self.reach(beacon) - self.layout.collision_radius - wall - 0.005;
+            let gaps = between_beacons.chain([x, y, width - x, height - y].map(to_wall));
+            margin = gaps.filter(|gap| *gap > 0.0).fold(margin, f64::min);
+        }
+        margin.max(0.0)
+    }
+
+    /// Everything a string from `from` to any of the points or guides `to` may lie against.
+    fn network(&self, room: Room, from: [f64; 2], to: Vec<Circle>, via: Vec<Circle>) -> Network {
+        let mut space = self.space(room);
+        let free = |circle: &Circle| circle.anchor.is_some_and(|at| space.clear_of_all(at, at));
+        let to: Vec<Circle> = to.into_iter().filter(free).collect();
+        let via: Vec<Circle> = via.into_iter().filter(free).collect();
+        space.circles.extend(via);
+        let start = space.circles.len();
+        space.circles.push(Circle::point(from, false, true));
+        space.circles.extend(to);
+        let targets = (start + 1..space.circles.len()).collect();
+        Network {
+            graph: Graph::new(&space),
+            start,
+            targets,
+        }
+    }
+
+    fn string(
+        &self,
+        room: Room,
+        rule: &Rule,
+        from: [f64; 2],
+        to: Vec<Circle>,
+    ) -> Result<Vec<[f64; 2]>, usize> {
+        self.network(room, from, to, vec![]).shortest(rule)
+    }
+
+    fn strings(&self, room: Room, fallback: bool) -> Strings {
+        match *self.goal {
+            Goal::Homing {
+                beacon, distance, ..
+            } => vec![self.homing(room, beacon, distance)],
+            Goal::Gate {
+                pair,
+                direction,
+                exit,
+            } => {
+                let directions: &[bool] = match direction {
+                    0 => &[true, false],
+                    d if d > 0 => &[true],
+                    _ => &[false],
+                };
+                let each = |&forward| {
+                    self.gate(
+                        room,
+                        &Passage::new(self.layout, pair, forward, exit),
+                        fallback,
+                    )
+                };
+                directions.iter().flat_map(each).collect()
+            }
+            Goal::Eight { pair, laps, .. } => self.eight(room, pair, laps),
+            Goal::Slalom {
+                ref chain,
+                first_side,
+                offset_max,
+            } => {
+                let sides: &[bool] = match first_side {
+                    0 => &[true, false],
+                    side if side > 0 => &[true],
+                    _ => &[false],
+                };
+                let each = |&left_first: &bool| {
+                    let lines = slalom_lines(self.layout, chain);
+                    let reach = chain.iter().map(|&i| self.reach(i)).collect();
+                    let task = Rule::Slalom {
+                        lines,
+                        reach,
+                        offset_max,
+                        left_first,
+                    };
+                    self.slalom(room, &task, fallback)
+                };
+                sides.iter().map(each).collect()
+            }
+        }
+    }
+
+    /// To the middle of the ring between contact and the goal distance.
+    fn homing(&self, room: Room, beacon: usize, radius: f64) -> Result<Vec<[f64; 2]>, usize> {
+        let ring = (self.reach(beacon) + radius) / 2.0;
+        let ring = ring.min(self.reach(beacon) + 0.4);
+        let at = |k: usize| {
+            let (sin, cos) = Scalar::sin_cos(TAU * k as f64 / 36.0);
+            ahead(self.center(beacon), [cos, sin], ring)
+        };
+        let towards = difference(self.start, self.center(beacon));
+        let direct = ahead(
+            self.center(beacon),
+            towards,
+            ring / dot(towards, towards).sqrt(),
+        );
+        let to = (0..36)
+            .map(at)
+            .chain([direct])
+            .map(|p| Circle::point(p, true, false))
+            .collect();
+        self.string(room, &Rule::Free, self.start, to)
+    }
+
+    /// Straight through the middle if possible, tilted or anyhow as a fallback.
+    fn gate(&self, room: Room, passage: &Passage, fallback: bool) -> Strings {
+        if !fallback {
+            // A late entry suits a start close before the gate.
+            let entries = [
+                (0.5, 0.8),
+                (0.25, 0.8),
+                (0.0, 0.8),
+                (0.0, 0.35),
+                (0.0, 0.15),
+            ];
+            let each = |(radius, before)| {
+                let entry = Entry {
+                    axis: passage.normal,
+                    before,
+                    radius,
+                };
+                self.gate_straight(room, passage, &entry)
+            };
+            return entries.map(each).into();
+        }
+        let tilted = [0.35, -0.35, 0.7, -0.7].map(|angle| {
+            let (sin, cos) = Scalar::sin_cos(angle);
+            let (normal, left) = (passage.normal, left_of(passage.normal));
+            let axis = [0, 1].map(|i| cos * normal[i] + sin * left[i]);
+            self.gate_straight(
+                room,
+                passage,
+                &Entry {
+                    axis,
+                    before: 0.8,
+                    radius: 0.0,
+                },
+            )
+        });
+        let Passage { line, offsets, .. } = passage.clone();
+        let through = Rule::Through {
+            line,
+            offsets,
+            forward: passage.forward,
+        };
+        let anyhow = self.string(room, &through, self.start, passage.beyond());
+        tilted.into_iter().chain([anyhow]).collect()
+    }
+
+    /// Straight through the middle of the gate.
+    fn gate_straight(
+        &self,
+        room: Room,
+        passage: &Passage,
+        entry: &Entry,
+    ) -> Result<Vec<[f64; 2]>, usize> {
+        let Entry {
+            axis,
+            before,
+            radius,
+        } = *entry;
+        let space = self.space(room);
+        let slant = dot(axis, passage.normal);
+        let on_axis = |x: f64| ahead(passage.middle, axis, x);
+        let clear = |x: &f64| space.clear_of_all(passage.middle, on_axis(*x));
+        let whole = [0.3, 0.15, 0.06].map(|extra| (passage.exit + extra) / slant);
+        let whole = whole.into_iter().find(clear);
+        let out = whole
+            .or_else(|| [0.6, 0.4, 0.25, 0.1, 0.0].into_iter().find(clear))
+            .ok_or(0_usize)?;
+        let before = [1.0, 0.65, 0.4, 0.2, 0.02].map(|share| -before * share);
+        let before = before.into_iter().find(clear).ok_or(0_usize)?;
+        let (entry, leave) = (on_axis(before), on_axis(out));
+        let Passage { line, offsets, .. } = passage.clone();
+        let shut = Rule::Shut { line, offsets };
+        let to = if radius > 0.0 {
+            [true, false]
+                .map(|left| Circle::guide(entry, axis, radius, left))
+                .into()
+        } else {
+            vec![Circle::point(entry, true, false)]
+        };
+        let mut points = self.string(room, &shut, self.start, to)?;
+        points.push(leave);
+        if whole.is_none() {
+            points.extend(self.string(room, &shut, leave, passage.beyond())?);
+        }
+        Ok(points)
+    }
+
+    /// All eights from the start: round either beacon first, in either sense.
+    fn eight(&self, room: Room, pair: [usize; 2], laps: u32) -> Strings {
+        let (line, length) = gate_line(self.layout, pair);
+        let below = line.distance(self.start) < 0.0;
+        let end = Circle::point(self.start, true, false);
+        let network = self.network(room, self.start, vec![end], vec![]);
+        let each = |(flip, order): (bool, usize)| {
+            // Parts: 0 beside the first beacon, 1 between, 2 beside the second.
+            let cycle = [(0, flip), (1, !flip), (2, flip), (1, !flip)];
+            let first = usize::from(below != flip) + order;
+            let count = 4 * laps as usize;
+            let word = (0..count).map(|k| cycle[(first + k) % 4]).collect();
+            network.shortest(&Rule::Eight {
+                line: line.clone(),
+                length,
+                word,
+            })
+        };
+        [(false, 0), (false, 2), (true, 0), (true, 2)]
+            .map(each)
+            .into()
+    }
+
+    /// To a point beyond the last beacon; as a fallback also by way of points beside the beacons.
+    fn slalom(&self, room: Room, task: &Rule, fallback: bool) -> Result<Vec<[f64; 2]>, usize> {
+        let Rule::Slalom {
+            lines,
+            reach,
+            offset_max,
+            left_first,
+        } = task
+        else {
+            return Err(0);
+        };
+        let last = lines.len() - 1;
+        // A point beside beacon k, on the side of its passage, at a share of the allowed offsets.
+        let beside = |k: usize, share: f64, along: f64| {
+            let side = if *left_first == k.is_multiple_of(2) {
+                1.0
+            } else {
+                -1.0
+            };
+            let aside = side * (reach[k] + share * (offset_max - reach[k]));
+            let line = &lines[k];
+            ahead(
+                ahead(line.origin, left_of(line.normal), aside),
+                line.normal,
+                along,
+            )
+        };
+        let space = self.space(room);
+        let row =
+            |along: f64| (0..12).map(move |k| beside(last, 0.04 + 0.08 * f64::from(k), along));
+        let free = |p: &[f64; 2]| space.clear_of_all(*p, *p);
+        let along = [0.35, 0.2, 0.1, 0.05]
+            .into_iter()
+            .find(|&along| row(along).any(|p| free(&p)));
+        let to = row(along.unwrap_or(0.02))
+            .map(|p| Circle::point(p, true, false))
+            .collect();
+        // Before and behind each line, to turn back in a dead end.
+        let around = |k: usize| {
+            let places = [-0.07, 0.07].map(|along| [0.06, 0.3, 0.8].map(|share| (share, along)));
+            let point = move |(share, along)| Circle::point(beside(k, share, along), true, true);
+            places.into_iter().flatten().map(point)
+        };
+        let via = if fallback {
+            (0..=last).flat_map(around).collect()
+        } else {
+            vec![]
+        };
+        self.network(room, self.start, to, via).shortest(task)
+    }
+
+    // ------------------------------------------------------------------------------- selection
+
+    /// The goal with something in reserve for tracking errors.
+    fn stricter(&self) -> Goal {
+        let mut goal = self.goal.clone();
+        match &mut goal {
+            Goal::Homing {
+                beacon, distance, ..
+            } => {
+                *distance -= 0.03_f64.min(0.3 * (*distance - self.reach(*beacon)));
+            }
+            Goal::Gate { exit, .. } => *exit += 0.04,
+            Goal::Eight { close, .. } => *close = close.min(0.1),
+            Goal::Slalom { offset_max, .. } => *offset_max -= 0.02,
+        }
+        goal
+    }
+
+    fn passes(&self, path: &Path, goal: &Goal) -> bool {
+        let mut judge = Judge::new(self.layout, Some(goal));
+        let mut verdict = Verdict::Running;
+        for (k, p) in path.points.iter().enumerate() {
+            verdict = judge.observe(k as f64, *p, 1.0 + NOMINAL.speed);
+            if verdict != Verdict::Running {
+                break;
+            }
+        }
+        if let (Goal::Homing { hold, .. }, Some(&end)) = (goal, path.points.last()) {
+            let t = path.points.len() as f64;
+            judge.observe(t, end, 0.0);
+            verdict = judge.observe(t + hold + 1.0, end, 0.0);
+        }
+        verdict == Verdict::Passed
+    }
+
+    /// Smallest distance to anything but the goal's home beacon, away from the start, m.
+    fn clearance(&self, path: &Path) -> f64 {
+        let home = match self.goal {
+            Goal::Homing { beacon, .. } => Some(*beacon),
+            Goal::Gate { .. } | Goal::Eight { .. } | Goal::Slalom { .. } => None,
+        };
+        let gap = |p: [f64; 2]| {
+            let beacons = (0..self.layout.beacons.len()).filter(|i| Some(*i) != home);
+            let wall = wall_distance(self.layout.arena, p) - self.layout.collision_radius;
+            beacons
+                .map(|i| distance(p, self.center(i)) - self.reach(i))
+                .fold(wall, f64::min)
+        };
+        let away = |p: &&[f64; 2]| distance(**p, self.start) > START_ZONE;
+        path.points
+            .iter()
+            .filter(away)
+            .map(|p| gap(*p))
+            .fold(1.0, f64::min)
+    }
+
+    /// Whether the path passes, and passes with something in reserve.
+    fn passes_strictly(&self, path: &Path) -> Option<bool> {
+        let strict = self.passes(path, &self.stricter());
+        // A narrower slalom ignores wide passages on the wrong side.
+        let implied = strict && !matches!(self.goal, Goal::Slalom { .. });
+        (implied || self.passes(path, self.goal)).then_some(strict)
+    }
+
+    /// The path as a candidate, if it passes and costs less than `most`.
+    fn candidate(&self, path: Path, most: f64) -> Option<Candidate> {
+        let turn = wrapped(path.heading[0] - self.layout.start[2]).abs() / NOMINAL.yaw_rate;
+        let duration = path.duration(&NOMINAL) + turn;
+        if duration >= most {
+            return None;
+        }
+        let clearance = self.clearance(&path);
+        let lack = (COMFORT - clearance).max(0.0) / COMFORT;
+        if clearance < 0.0 || duration * (1.0 + 4.0 * lack) >= most {
+            return None;
+        }
+        let strict = self.passes_strictly(&path)?;
+        let cost = duration * (1.0 + 4.0 * lack + if strict { 0.0 } else { 1.0 });
+        (cost < most).then_some(Candidate {
+            path,
+            cost,
+            clearance,
+            strict,
+        })
+    }
+
+    /// The best candidate over all margins; smaller ones are tried until one keeps its margin.
+    fn search(&self) -> Result<Path, usize> {
+        let mut best: Option<Candidate> = None;
+        let mut stuck = 0;
+        let widest = usize::from(!matches!(self.goal, Goal::Eight { .. }));
+        for fallback in [false, true] {
+            for &margin in &MARGINS[widest..] {
+                for squeeze in [false, true] {
+                    if squeeze && best.as_ref().is_some_and(|best| best.strict) {
+                        continue;
+                    }
+                    for string in self.strings(Room { margin, squeeze }, fallback) {
+                        match string {
+                            Ok(string) => self.consider(&string, &mut best),
+                            Err(stage) => stuck = stuck.max(stage),
+                        }
+                    }
+                }
+                let enough = (0.9 * margin).min(self.comfort());
+                let late = margin < 0.1;
+                if best
+                    .as_ref()
+                    .is_some_and(|best| (best.strict || late) && best.clearance >= enough)
+                {
+                    break;
+                }
+            }
+            if best.is_some() {
+                break;
+            }
+        }
+        best.map(|best| best.path).ok_or(stuck)
+    }
+
+    /// The clearance at which to stop looking for more, or what the narrowest gap leaves, m.
+    fn comfort(&self) -> f64 {
+        let gaps = self.gaps();
+        let spare = gaps
+            .iter()
+            .map(|pair| 0.9 * self.share() * self.spare(pair[0], pair[1]));
+        spare.fold(COMFORT, f64::min)
+    }
+
+    /// Smooths a string in several ways and keeps the best.
+    fn consider(&self, string: &[[f64; 2]], best: &mut Option<Candidate>) {
+        for window in WINDOWS.into_iter().chain([WINDOW_LAST]) {
+            if window == WINDOW_LAST && best.is_some() {
+                break;
+            }
+            let most = best.as_ref().map_or(f64::INFINITY, |best| best.cost);
+            let path = Path::smoothed(string, window);
+            if let Some(better) = path.and_then(|path| self.candidate(path, most)) {
+                *best = Some(better);
+            }
+        }
+    }
+
+    // ------------------------------------------------------------------------------- diagnosis
+
+    fn name(&self, beacon: usize) -> &str {
+        &self.layout.beacons[beacon].name
+    }
+
+    /// What makes the goal impossible from the outset, if anything.
+    fn obstacle(&self) -> Option<PlanError> {
+        let error = |reason: String, hint: &str| {
+            Some(PlanError {
+                reason,
+                hint: hint.into(),
+            })
+        };
+        let radius = self.layout.collision_radius;
+        let touching = |i: &usize| distance(self.start, self.center(*i)) < self.reach(*i);
+        if let Some(i) = (0..self.layout.beacons.len()).find(touching) {
+            let away = distance(self.start, self.center(i));
+            let need = self.reach(i);
+            let name = self.name(i);
+            let reason =
+                format!("the start is {away:.2} m from {name}, the robot needs {need:.2} m");
+            return error(reason, "move the start or the beacon");
+        }
+        let wall = wall_distance(self.layout.arena, self.start);
+        if wall < radius {
+            let reason =
+                format!("the start is {wall:.2} m from a wall, the robot needs {radius:.2} m");
+            return error(reason, "move the start into the arena");
+        }
+        match *self.goal {
+            Goal::Homing {
+                beacon, distance, ..
+            } if distance < self.reach(beacon) => {
+                let (name, need) = (self.name(beacon), self.reach(beacon));
+                let reason = format!(
+                    "the goal distance {distance:.2} m to {name} is less than at contact, {need:.2} m"
+                );
+                return error(reason, "increase the goal distance");
+            }
+            Goal::Slalom {
+                ref chain,
+                offset_max,
+                ..
+            } => {
+                if let Some(&i) = chain.iter().find(|&&i| offset_max < self.reach(i)) {
+                    let (name, need) = (self.name(i), self.reach(i));
+                    let reason = format!(
+                        "the largest offset {offset_max:.2} m is less than at contact with {name}, {need:.2} m"
+                    );
+                    return error(reason, "increase the largest offset");
+                }
+            }
+            Goal::Homing { .. } | Goal::Gate { .. } | Goal::Eight { .. } => {}
+        }
+        let gaps = self.gaps();
+        let narrow = gaps
+            .iter()
+            .find(|pair| self.spare(pair[0], pair[1]) < 0.0)?;
+        error(
+            self.gap_text(*narrow),
+            "move the beacons apart or use a smaller robot",
+        )
+    }
+
+    fn gap_text(&self, [i, j]: [usize; 2]) -> String {
+        self.gap_between(self.name(i), self.name(j), self.spare(i, j))
+    }
+
+    fn gap_between(&self, a: &str, b: &str, spare: f64) -> String {
+        let need = 2.0 * self.layout.collision_radius;
+        let gap = need + spare;
+        format!("the gap between {a} and {b} is {gap:.3} m, the robot needs {need:.3} m")
+    }
+
+    /// The widest of the gaps that are too narrow, between beacons or beside a wall.
+    fn narrowest(&self) -> Option<String> {
+        let count = self.layout.beacons.len();
+        let pairs = (0..count).flat_map(|i| (0..i).map(move |j| [j, i]));
+        let pairs = pairs.map(|pair| (self.spare(pair[0], pair[1]), pair[0], Some(pair[1])));
+        let to_wall = |i| wall_distance(self.layout.arena, self.center(i)) - self.reach(i);
+        let walls = (0..count).map(|i| (to_wall(i) - self.layout.collision_radius, i, None));
+        let narrow = pairs.chain(walls).filter(|gap| gap.0 < 0.0);
+        let (spare, i, other) = narrow.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let other = other.map_or("a wall", |j| self.name(j));
+        Some(self.gap_between(self.name(i), other, spare))
+    }
+
+    /// What probably blocked the way, after all candidates failed at `stage`.
+    fn blocked(&self, stage: usize) -> PlanError {
+        let what = match self.goal {
+            Goal::Homing { beacon, .. } => format!("no free way leads to {}", self.name(*beacon)),
+            Goal::Gate { pair, .. } => {
+                format!(
+                    "no free way leads through the gate {}, {}",
+                    self.name(pair[0]),
+                    self.name(pair[1])
+                )
+            }
+            Goal::Eight { pair, .. } => {
+                format!(
+                    "no free way leads round {} and {}",
+                    self.name(pair[0]),
+                    self.name(pair[1])
+                )
+            }
+            Goal::Slalom { chain, .. } => match chain.get(stage) {
+                Some(&next) => format!(
+                    "{} cannot be passed on the side it has to be",
+                    self.name(next)
+                ),
+                None => format!(
+                    "no free way leads past {}",
+                    self.name(chain[chain.len() - 1])
+                ),
+            },
+        };
+        let reason = match self.narrowest() {
+            Some(gap) => format!("{what}; perhaps because {gap}"),
+            None => what,
+        };
+        PlanError {
+            reason,
+            hint: "make room: move beacons apart or away from the walls".into(),
+        }
+    }
+}
+
+/// A path from the start of the layout that reaches the goal if the robot follows it.
+///
+/// Deterministic. The path begins with the direction of travel, not with the start yaw: the robot
+/// turns on the spot first. For homing from within the goal distance it is a single point.
+///
+/// # Errors
+/// If no path passes the judge: what is too narrow or out of reach.
+pub fn plan(layout: &Layout, goal: &Goal) -> Result<Path, PlanError> {
+    if let Some(reason) = goal.fault(layout) {
+        return Err(PlanError {
+            reason,
+            hint: "correct the goal of the layout".into(),
+        });
+    }
+    let start = [layout.start[0], layout.start[1]];
+    let planner = Planner {
+        layout,
+        goal,
+        start,
+    };
+    if let Some(error) = planner.obstacle() {
+        return Err(error);
+    }
+    if let Goal::Homing {
+        beacon,
+        distance: radius,
+        ..
+    } = *goal
+        && distance(start, layout.beacons[beacon].position) <= radius
+    {
+        return Ok(Path::standing(layout.start));
+    }
+    planner.search().map_err(|stage| planner.blocked(stage))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::Beacon;
+
+    fn layout(arena: [f64; 2], beacons: &[[f64; 2]], start: [f64; 3]) -> Layout {
+        let beacon = |(i, p): (usize, &[f64; 2])| Beacon {
+            name: format!("b{i}"),
+            position: *p,
+            radius: 0.05,
+        };
+        let beacons = beacons.iter().enumerate().map(beacon).collect();
+        Layout {
+            arena,
+            beacons,
+            collision_radius: 0.25,
+            start,
+        }
+    }
+
+    /// Plans, and checks what every path promises; the smallest clearance away from the start, m.
+    fn check(layout: &Layout, goal: &Goal) -> Result<f64, PlanError> {
+        let path = plan(layout, goal)?;
+        assert_eq!(path, plan(layout, goal)?, "planning is deterministic");
+        let start = [layout.start[0], layout.start[1]];
+        let planner = Planner {
+            layout,
+            goal,
+            start,
+        };
+        assert!(planner.passes(&path, goal), "the judge passes the path");
+        assert_eq!(path.points[0], start);
+        let last = path.points.len() - 1;
+        assert!(
+            (path.length - path.ds * last as f64).abs() < 1e-9,
+            "rounding only"
+        );
+        for pair in path.points.windows(2) {
+            // Chords of the polygon that was resampled are shorter than its arcs.
+            let step = distance(pair[0], pair[1]);
+            assert!(
+                step <= path.ds * (1.0 + 1e-9) && step >= 0.2 * path.ds,
+                "step {step}"
+            );
+        }
+        for pair in path.heading.windows(2) {
+            assert!((pair[1] - pair[0]).abs() <= PI, "heading is unwrapped");
+        }
+        Ok(planner.clearance(&path))
+    }
+
+    fn comfortable(layout: &Layout, goal: &Goal, clearance: f64) {
+        let found = check(layout, goal).expect("feasible");
+        assert!(
+            found >= clearance,
+            "clearance {found:.3} m of {clearance} m"
+        );
+    }
+
+    #[test]
+    fn reference_layouts_pass_with_clearance() {
+        let homing = Goal::Homing {
+            beacon: 0,
+            distance: 0.45,
+            speed: 0.01,
+            hold: 1.0,
+        };
+        comfortable(
+            &layout([6.0, 4.0], &[[4.5, 3.0]], [1.0, 1.0, 2.5]),
+            &homing,
+            0.5,
+        );
+        let gate = |direction, exit| Goal::Gate {
+            pair: [0, 1],
+            direction,
+            exit,
+        };
+        let across = layout([6.0, 4.0], &[[3.0, 1.5], [3.0, 2.7]], [0.8, 0.8, 0.0]);
+        comfortable(&across, &gate(0, 0.6), 0.15);
+        let oblique = layout(
+            [8.0, 6.0],
+            &[[4.0, 2.5], [5.0, 3.2], [2.2, 4.6]],
+            [1.0, 1.0, 1.57],
+        );
+        comfortable(&oblique, &gate(-1, 0.5), 0.15);
+        comfortable(&oblique, &gate(1, 0.5), 0.15);
+        let pair = layout([6.0, 4.0], &[[2.0, 2.0], [4.0, 2.0]], [3.0, 2.0, PI / 2.0]);
+        for laps in 1..=3 {
+            comfortable(
+                &pair,
+                &Goal::Eight {
+                    pair: [0, 1],
+                    laps,
+                    close: 0.3,
+                },
+                0.3,
+            );
+        }
+        let slalom = |count, first_side| Goal::Slalom {
+            chain: (0..count).collect(),
+            first_side,
+            offset_max: 1.2,
+        };
+        let row = [2.0, 3.2, 4.4, 5.6, 6.8].map(|x| [x, 2.0]);
+        let five = layout([8.0, 4.0], &row, [0.8, 2.0, 0.0]);
+        for side in [-1, 0, 1] {
+            comfortable(&five, &slalom(5, side), 0.15);
+        }
+        let rise = [0.0, 0.2169, 0.3909, 0.4875, 0.4875, 0.3909, 0.2169, 0.0];
+        let y = |k: usize| 3.0 + if k < 8 { rise[k] } else { -rise[k - 7] };
+        let bow: Vec<_> = (0..15).map(|k| [2.0 + 1.15 * k as f64, y(k)]).collect();
+        comfortable(
+            &layout([20.0, 6.0], &bow, [0.8, 3.0, 0.0]),
+            &slalom(15, 0),
+            0.12,
+        );
+    }
+
+    #[test]
+    fn start_within_the_goal_ring_stays() {
+        let goal = Goal::Homing {
+            beacon: 0,
+            distance: 0.45,
+            speed: 0.01,
+            hold: 1.0,
+        };
+        let layout = layout([6.0, 4.0], &[[3.0, 2.0]], [3.4, 2.0, 1.0]);
+        let path = plan(&layout, &goal).expect("already there");
+        assert_eq!((path.length, path.points.len()), (0.0, 1));
+        assert_eq!(path.at(1.0), ([3.4, 2.0], 1.0, 0.0));
+    }
+
+    #[test]
+    fn impossible_layouts_are_explained() {
+        let gate = Goal::Gate {
+            pair: [0, 1],
+            direction: 0,
+            exit: 0.5,
+        };
+        let narrow = layout([6.0, 4.0], &[[3.0, 1.8], [3.0, 2.3]], [1.0, 2.0, 0.0]);
+        let error = plan(&narrow, &gate).expect_err("too narrow");
+        assert_eq!(
+            error.reason,
+            "the gap between b0 and b1 is 0.400 m, the robot needs 0.500 m"
+        );
+        let touching = layout([6.0, 4.0], &[[3.0, 1.0], [3.0, 2.3]], [2.8, 1.0, 0.0]);
+        let error = plan(&touching, &gate).expect_err("touches");
+        assert!(
+            error.reason.starts_with("the start is 0.20 m from b0"),
+            "{error}"
+        );
+        let goal = Goal::Homing {
+            beacon: 0,
+            distance: 0.45,
+            speed: 0.01,
+            hold: 1.0,
+        };
+        let fence: Vec<_> = [[5.0, 1.0]]
+            .into_iter()
+            .chain((0..8).map(|k| [3.0, 0.25 + 0.5 * f64::from(k)]))
+            .collect();
+        let error =
+            plan(&layout([6.0, 4.0], &fence, [1.0, 2.0, 0.0]), &goal).expect_err("fenced in");
+        assert!(
+            error.reason.starts_with("no free way leads to b0"),
+            "{error}"
+        );
+        let missing = Goal::Eight {
+            pair: [0, 7],
+            laps: 1,
+            close: 0.3,
+        };
+        assert!(plan(&narrow, &missing).is_err());
+    }
+
+    #[test]
+    fn closed_form_speed_profile() {
+        let line = Path::smoothed(&[[0.0, 0.0], [4.0, 0.0]], 0.2).expect("has length");
+        let limits = SpeedLimits {
+            speed: 1.0,
+            acceleration: 0.5,
+            lateral_acceleration: 1.0,
+            yaw_rate: 1.0,
+        };
+        let speed = line.speed_profile(&limits);
+        let (middle, half) = (speed.len() / 2, speed.len() / 8);
+        assert_eq!(
+            (speed[0], speed[middle], speed[speed.len() - 1]),
+            (0.0, 1.0, 0.0)
+        );
+        // v² = 2 a s at s = 0.5 m.
+        assert!(
+            (speed[half] - (half as f64 * line.ds).sqrt()).abs() < 1e-9,
+            "rounding only"
+        );
+        // A ramp of 1 m at each end in 2 s, 2 m at 1 m/s between.
+        assert!((line.duration(&limits) - 6.0).abs() < 1e-6, "rounding only");
+        let circle: Vec<_> = (0..=200)
+            .map(|k| {
+                let (sin, cos) = Scalar::sin_cos(TAU * f64::from(k) / 200.0);
+                [0.5 * cos, 0.5 * sin]
+            })
+            .collect();
+        let circle = Path::smoothed(&circle, 0.1).expect("has length");
+        let speed = circle.speed_profile(&limits);
+        // |κ| v = v / 0.5 m ≤ 1 rad/s; smoothing shrinks the radius by less than 1 %.
+        assert!((speed[speed.len() / 2] - 0.5).abs() < 0.01);
+    }
+
+    /// A small congruential generator with the constants of Knuth's MMIX.
+    struct Random(u64);
+
+    impl Random {
+        /// Uniform in [low, high).
+        fn between(&mut self, low: f64, high: f64) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            low + (high - low) * (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+        }
+
+        /// Uniform in 0 .. count.
+        fn below(&mut self, count: usize) -> usize {
+            self.between(0.0, count as f64) as usize
+        }
+
+        fn side(&mut self) -> i8 {
+            [-1, 0, 1][self.below(3)]
+        }
+
+        fn direction(&mut self) -> [f64; 2] {
+            let (sin, cos) = Scalar::sin_cos(self.between(-PI, PI));
+            [cos, sin]
+        }
+
+        /// A place at least `wall` from the walls and `apart` from the others.
+        fn place(
+            &mut self,
+            arena: [f64; 2],
+            wall: f64,
+            others: &[[f64; 2]],
+            apart: f64,
+        ) -> Option<[f64; 2]> {
+            (0..60)
+                .map(|_| arena.map(|side| self.between(wall, side - wall)))
+                .find(|p| others.iter().all(|other| distance(*p, *other) >= apart))
+        }
+
+        /// Adds up to `most` beacons in the way and puts the robot somewhere.
+        fn finish(
+            &mut self,
+            arena: [f64; 2],
+            mut beacons: Vec<[f64; 2]>,
+            most: usize,
+        ) -> Option<Layout> {
+            for _ in 0..self.below(most + 1) {
+                beacons.extend(self.place(arena, 0.3, &beacons, 0.85));
+            }
+            let [x, y] = self.place(arena, 0.28, &beacons, 0.34)?;
+            Some(layout(arena, &beacons, [x, y, self.between(-PI, PI)]))
+        }
+    }
+
+    fn random_homing(random: &mut Random) -> Option<(Layout, Goal)> {
+        let arena = [random.between(4.0, 9.0), random.between(3.5, 7.0)];
+        let home = random.place(arena, 0.6, &[], 0.0)?;
+        let layout = random.finish(arena, vec![home], 6)?;
+        let distance = random.between(0.36, 0.7);
+        Some((
+            layout,
+            Goal::Homing {
+                beacon: 0,
+                distance,
+                speed: 0.01,
+                hold: 1.0,
+            },
+        ))
+    }
+
+    fn random_gate(random: &mut Random) -> Option<(Layout, Goal)> {
+        let arena = [random.between(5.0, 9.0), random.between(4.0, 7.0)];
+        let middle = random.place(arena, 1.45, &[], 0.0)?;
+        let (along, half) = (random.direction(), random.between(0.34, 0.75));
+        let beacons = vec![ahead(middle, along, -half), ahead(middle, along, half)];
+        let layout = random.finish(arena, beacons, 3)?;
+        let (direction, exit) = (random.side(), random.between(0.3, 0.8));
+        Some((
+            layout,
+            Goal::Gate {
+                pair: [0, 1],
+                direction,
+                exit,
+            },
+        ))
+    }
+
+    fn random_eight(random: &mut Random) -> Option<(Layout, Goal)> {
+        let arena = [random.between(5.0, 8.0), random.between(4.0, 7.0)];
+        let first = random.place(arena, 0.8, &[], 0.0)?;
+        let second = random.place(arena, 0.8, &[first], 0.9)?;
+        let mut layout = random.finish(arena, vec![first, second], 2)?;
+        let middle = between(first, second, 0.5);
+        let start = middle.map(|z| z + random.between(-0.4, 0.4));
+        let free = layout
+            .beacons
+            .iter()
+            .all(|b| distance(b.position, start) > 0.34);
+        if free && random.below(2) == 0 {
+            layout.start[..2].copy_from_slice(&start);
+        }
+        let laps = 1 + random.below(3) as u32;
+        Some((
+            layout,
+            Goal::Eight {
+                pair: [0, 1],
+                laps,
+                close: 0.3,
+            },
+        ))
+    }
+
+    /// A straight, bent or zigzag chain; now and then the robot starts beside it.
+    fn random_slalom(random: &mut Random) -> Option<(Layout, Goal)> {
+        let (count, kind) = (3 + random.below(13), random.below(3));
+        let first = random.direction();
+        let (spacing, bend) = (random.between(0.8, 1.5), random.between(-0.25, 0.25));
+        let mut chain = vec![[0.0, 0.0]];
+        for k in 1..count {
+            let angle = bend * [0.0, k as f64, if k.is_multiple_of(2) { 1.5 } else { -1.5 }][kind];
+            let (sin, cos) = Scalar::sin_cos(angle);
+            let along = [0, 1].map(|i| cos * first[i] + sin * left_of(first)[i]);
+            chain.push(ahead(chain[k - 1], along, spacing));
+        }
+        let (back, aside) = (random.between(0.5, 1.5), random.between(-0.8, 0.8));
+        let back = if random.below(5) == 0 { back } else { -back };
+        let start = ahead(ahead([0.0, 0.0], first, back), left_of(first), aside);
+        let crowded = |k: usize| chain[..k].iter().any(|p| distance(*p, chain[k]) < 0.79);
+        if (0..count).any(crowded) || chain.iter().any(|p| distance(*p, start) < 0.34) {
+            return None;
+        }
+        let room = random.between(0.95, 1.6);
+        let low = [0, 1].map(|i| {
+            chain
+                .iter()
+                .map(|p| p[i])
+                .fold(start[i] + room - 0.3, f64::min)
+                - room
+        });
+        let high = [0, 1].map(|i| {
+            chain
+                .iter()
+                .map(|p| p[i])
+                .fold(start[i] - room + 0.3, f64::max)
+                + room
+        });
+        let beacons: Vec<_> = chain.iter().map(|p| difference(*p, low)).collect();
+        let [x, y] = difference(start, low);
+        let layout = layout(
+            difference(high, low),
+            &beacons,
+            [x, y, random.between(-PI, PI)],
+        );
+        let (first_side, offset_max) = (random.side(), random.between(0.8, 1.4));
+        Some((
+            layout,
+            Goal::Slalom {
+                chain: (0..count).collect(),
+                first_side,
+                offset_max,
+            },
+        ))
+    }
+
+    /// All of 300 feasible layouts pass, nearly all with 4 cm to spare.
+    fn all_pass(make: fn(&mut Random) -> Option<(Layout, Goal)>) {
+        let mut random = Random(7);
+        let mut tight = 0;
+        for (layout, goal) in std::iter::repeat_with(|| make(&mut random))
+            .flatten()
+            .take(300)
+        {
+            match check(&layout, &goal) {
+                Ok(clearance) => tight += u32::from(clearance < 0.04),
+                Err(error) => panic!("{error}\n{layout:?}\n{goal:?}"),
+            }
+        }
+        assert!(tight <= 6, "{tight} of 300 have less than 4 cm");
+    }
+
+    #[test]
+    fn random_homing_layouts_pass() {
+        all_pass(random_homing);
+    }
+
+    #[test]
+    fn random_gates_pass() {
+        all_pass(random_gate);
+    }
+
+    #[test]
+    fn random_eights_pass() {
+        all_pass(random_eight);
+    }
+
+    #[test]
+    fn random_slaloms_pass() {
+        all_pass(random_slalom);
+    }
+}

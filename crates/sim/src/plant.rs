@@ -1,0 +1,480 @@
+//! The plant: a platform at a level of model, with an integrator, as a [`Block`].
+
+use appell_model::dynamics::{Dynamics, Held};
+use appell_model::ground::Ground;
+use appell_model::integrate::{Adaptive, Exponential, RungeKutta4, Stalled, spectral_radius};
+use appell_model::kinematic::Kinematic;
+use appell_model::math::hypot;
+use appell_model::planar::vec2;
+use appell_model::platform::{LEDGER, Layout, Platform, WheelOutput, YAW};
+use appell_model::rolling::Rolling;
+
+use crate::block::{Block, BlockError, Detail, Port, restore_numbers, save_numbers};
+use crate::scenario::{Integrator, Level};
+use crate::signal::Signal;
+
+/// A platform that moves.
+pub struct Plant {
+    name: String,
+    system: System,
+    method: Method,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+    x: Vec<f64>,
+    u: Vec<f64>,
+    mode: Vec<f64>,
+    y: Vec<f64>,
+    /// Mechanical and magnetic energy at the start, J: where the ledger begins.
+    energy_start: f64,
+}
+
+/// A level of model.
+enum System {
+    Kinematic(Kinematic<f64>),
+    Rolling(Box<Rolling<f64>>),
+}
+
+/// A way to integrate.
+enum Method {
+    RungeKutta4(RungeKutta4<f64>),
+    Exponential(Box<Exponential<f64>>),
+    Adaptive(Box<Adaptive<f64>>),
+}
+
+/// Why a plant cannot be built; problem and hint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantError {
+    /// Which setting is at fault: `time.integrator`, `level`, …
+    pub field: &'static str,
+    /// What is wrong.
+    pub problem: String,
+    /// What would do.
+    pub hint: String,
+}
+
+/// Start of a plant.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// Pose x, y, yaw: m, m, rad.
+    pub pose: [f64; 3],
+    /// Forward speed, m/s, and yaw rate, rad/s.
+    pub twist: [f64; 2],
+    /// Angles of swivelling wheels, rad.
+    pub angles: &'a [f64],
+}
+
+impl Plant {
+    /// Joins a platform to a ground, a level and an integrator.
+    pub fn new(
+        name: &str,
+        platform: Platform<f64>,
+        ground: Ground<f64>,
+        level: Level,
+        integrator: Integrator,
+        step: f64,
+        tolerance: f64,
+        start: Start<'_>,
+    ) -> Result<Self, PlantError> {
+        let layout = platform.layout().clone();
+        let mut x = crate::build::rest_state(&platform, start.pose, start.angles);
+        let v = platform.velocity_from_twist(vec2(start.twist[0], 0.0), start.twist[1], &[]);
+        if level == Level::Rolling {
+            let at = layout.velocity();
+            x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
+        }
+        let u = vec![0.0; layout.input()];
+        // Wheels with friction start as their rates say: at rest they stick until pushed.
+        let mode: Vec<f64> = {
+            let reduced_rates = wheel_rates(&platform, &x, &v);
+            reduced_rates
+                .iter()
+                .map(|rate| {
+                    if *rate == 0.0 {
+                        0.0
+                    } else {
+                        1.0_f64.copysign(*rate)
+                    }
+                })
+                .collect()
+        };
+        let prefix = format!("robot.{name}");
+        let (inputs, outputs) = ports(&prefix, &platform, level);
+        let system = match level {
+            Level::Kinematic => System::Kinematic(Kinematic::new(platform).ok_or(PlantError {
+                field: "level",
+                problem: "must be another: the driven wheels do not determine the motion".into(),
+                hint: "use level \"rolling\", or drive more wheels".into(),
+            })?),
+            Level::Rolling => System::Rolling(Box::new(Rolling::new(platform, ground))),
+        };
+        let method = match &system {
+            System::Kinematic(system) => method(system, integrator, step, tolerance, &x, &u)?,
+            System::Rolling(system) => {
+                method(system.as_ref(), integrator, step, tolerance, &x, &u)?
+            }
+        };
+        let y = vec![0.0; layout.output()];
+        let mut plant = Plant {
+            name: prefix,
+            system,
+            method,
+            inputs,
+            outputs,
+            x,
+            u,
+            mode,
+            y,
+            energy_start: 0.0,
+        };
+        plant.energy_start = plant.energy();
+        Ok(plant)
+    }
+
+    fn layout(&self) -> &Layout {
+        match &self.system {
+            System::Kinematic(system) => system.platform().layout(),
+            System::Rolling(system) => system.platform().layout(),
+        }
+    }
+
+    /// Kinetic, potential and magnetic energy together, J.
+    fn energy(&mut self) -> f64 {
+        let y = &mut self.y;
+        match &self.system {
+            System::Kinematic(s) => s.output(&self.x, &self.u, &self.mode, y),
+            System::Rolling(s) => s.output(&self.x, &self.u, &self.mode, y),
+        }
+        y[3] + y[4] + y[5]
+    }
+
+    /// The integrator that was chosen, in words.
+    pub fn integrator(&self) -> String {
+        match &self.method {
+            Method::RungeKutta4(_) => "Runge–Kutta 4".into(),
+            Method::Exponential(_) => "exponential midpoint".into(),
+            Method::Adaptive(adaptive) => {
+                format!("Tsitouras 5(4), tolerance {:e}", adaptive.relative)
+            }
+        }
+    }
+
+    /// Pose x, y, yaw: m, m, rad.
+    pub fn pose(&self) -> [f64; 3] {
+        [self.x[0], self.x[1], self.x[YAW]]
+    }
+}
+
+fn wheel_rates(platform: &Platform<f64>, x: &[f64], v: &[f64]) -> Vec<f64> {
+    let n = platform.layout().dof();
+    (0..platform.layout().wheels)
+        .map(|i| {
+            let frame = platform.wheel_frame(i, x);
+            appell_model::solve::dot(n, &platform.spin_row(i, &frame), v)
+        })
+        .collect()
+}
+
+fn method<S: Dynamics<f64>>(
+    system: &S,
+    integrator: Integrator,
+    step: f64,
+    tolerance: f64,
+    x: &[f64],
+    u: &[f64],
+) -> Result<Method, PlantError> {
+    let sizes = system.sizes();
+    // Wheels taken as turning: friction that sticks is no stiffness.
+    let radius = spectral_radius(system, x, u, &vec![1.0; sizes.mode]);
+    let stiff = radius * step;
+    let rk4 = || Method::RungeKutta4(RungeKutta4::new(sizes.state, sizes.input));
+    let exponential = || Exponential::new(system, step).map(|m| Method::Exponential(Box::new(m)));
+    match integrator {
+        // At h|λ| = 1 the classical method is off by 1/120 of the fast part in each step; beyond,
+        // the exponential one, which is exact there, is the better.
+        Integrator::Auto if stiff <= 1.0 => Ok(rk4()),
+        Integrator::Auto | Integrator::Exponential => exponential().ok_or_else(|| PlantError {
+            field: "time.integrator",
+            problem: format!(
+                "must be another: the geometry of the wheels changes, and the step of {step} s is {stiff:.1} times the fastest time constant"
+            ),
+            hint: format!("use \"adaptive\", or a time.step of at most {:.1e}", 1.0 / radius),
+        }),
+        Integrator::Rk4 if stiff > RungeKutta4::<f64>::STABLE => Err(PlantError {
+            field: "time.integrator",
+            problem: format!(
+                "must be another: Runge–Kutta 4 is unstable where step times fastest rate exceeds {}, got {step} s x {radius:.4e} 1/s = {stiff:.2}",
+                RungeKutta4::<f64>::STABLE
+            ),
+            hint: format!(
+                "use \"auto\" or \"exponential\", or a time.step of at most {:.1e}",
+                RungeKutta4::<f64>::STABLE / radius
+            ),
+        }),
+        Integrator::Rk4 => Ok(rk4()),
+        Integrator::Adaptive => {
+            let mut adaptive = Adaptive::new(system, tolerance, 0.1 * tolerance);
+            adaptive.step_max = step.max(0.01);
+            Ok(Method::Adaptive(Box::new(adaptive)))
+        }
+    }
+}
+
+/// Unit of the command of each kind of drive, and its name.
+pub fn command_signal(
+    drive: &appell_model::drive::Drive<f64>,
+) -> Option<(&'static str, &'static str)> {
+    use appell_model::drive::Drive;
+    match drive {
+        Drive::None => None,
+        Drive::Rate { .. } => Some(("rate_command", "rad/s")),
+        Drive::Torque { .. } => Some(("torque_command", "N·m")),
+        Drive::DcMotor(_) => Some(("voltage", "V")),
+    }
+}
+
+/// Inputs: a command per driven wheel, then the brake. Outputs: see [`Plant::observe`].
+fn ports(prefix: &str, platform: &Platform<f64>, level: Level) -> (Vec<Port>, Vec<Port>) {
+    let signal = |path: String, unit: &str| Signal {
+        path: format!("{prefix}.{path}"),
+        unit: unit.to_owned(),
+    };
+    let mut inputs = Vec::new();
+    for wheel in platform.wheels() {
+        if let Some((name, unit)) = command_signal(&wheel.drive) {
+            inputs.push(signal(format!("wheel.{}.{name}", wheel.name), unit));
+        }
+    }
+    inputs.push(signal("brake".into(), "1"));
+    let mut outputs = vec![
+        signal("pose.x".into(), "m"),
+        signal("pose.y".into(), "m"),
+        signal("pose.yaw".into(), "rad"),
+        signal("twist.forward".into(), "m/s"),
+        signal("twist.left".into(), "m/s"),
+        signal("twist.yaw_rate".into(), "rad/s"),
+    ];
+    for wheel in platform.wheels() {
+        let mut add =
+            |field: &str, unit| outputs.push(signal(format!("wheel.{}.{field}", wheel.name), unit));
+        add("spin_angle", "rad");
+        add("spin_rate", "rad/s");
+        if wheel.swivels() {
+            add("steering_angle", "rad");
+            add("steering_rate", "rad/s");
+        }
+    }
+    if level == Level::Rolling {
+        for wheel in platform.wheels() {
+            let mut add = |field: &str, unit| {
+                outputs.push(signal(format!("wheel.{}.{field}", wheel.name), unit))
+            };
+            if command_signal(&wheel.drive).is_some() {
+                add("torque", "N·m");
+            }
+            if matches!(wheel.drive, appell_model::drive::Drive::DcMotor(_)) {
+                add("current", "A");
+            }
+            add("force.longitudinal", "N");
+            add("force.lateral", "N");
+            add("load", "N");
+        }
+        for field in [
+            "kinetic",
+            "potential",
+            "magnetic",
+            "supplied",
+            "windings",
+            "gears",
+            "friction",
+            "residual",
+        ] {
+            outputs.push(signal(format!("energy.{field}"), "J"));
+        }
+    }
+    (inputs, outputs)
+}
+
+impl Block for Plant {
+    fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+
+    fn step(
+        &mut self,
+        _tick: u64,
+        t: f64,
+        dt: f64,
+        input: &[f64],
+        _output: &mut [f64],
+    ) -> Result<(), BlockError> {
+        self.take_input(input);
+        let (x, mode) = (&mut self.x, &mut self.mode);
+        let held = Held(&self.u);
+        match (&self.system, &mut self.method) {
+            (System::Kinematic(s), Method::RungeKutta4(m)) => m.step(s, &held, t, dt, x, mode),
+            (System::Rolling(s), Method::RungeKutta4(m)) => {
+                m.step(s.as_ref(), &held, t, dt, x, mode)
+            }
+            (System::Kinematic(s), Method::Exponential(m)) => m.step(s, &held, t, dt, x, mode),
+            (System::Rolling(s), Method::Exponential(m)) => {
+                m.step(s.as_ref(), &held, t, dt, x, mode)
+            }
+            (System::Kinematic(s), Method::Adaptive(m)) => {
+                advance(&self.name, m, s, &held, t, dt, x, mode)?
+            }
+            (System::Rolling(s), Method::Adaptive(m)) => {
+                advance(&self.name, m, s.as_ref(), &held, t, dt, x, mode)?;
+            }
+        }
+        if x.iter().all(|value| value.is_finite()) {
+            Ok(())
+        } else {
+            Err(BlockError {
+                block: self.name.clone(),
+                problem: format!("the state is no longer finite at t = {} s", t + dt),
+            })
+        }
+    }
+
+    fn observe(&mut self, input: &[f64], detail: Detail, output: &mut [f64]) {
+        self.take_input(input);
+        let (x, u, mode, y) = (&self.x, &self.u, &self.mode, &mut self.y);
+        match (&self.system, detail) {
+            (System::Rolling(s), Detail::Motion) => s.motion(x, mode, y),
+            (System::Rolling(s), Detail::Everything) => s.output(x, u, mode, y),
+            (System::Kinematic(s), _) => s.output(x, u, mode, y),
+        }
+        let y = &self.y;
+        let layout = self.layout();
+        let mut at = 0;
+        let mut put = |value: f64| {
+            output[at] = value;
+            at += 1;
+        };
+        for k in [0, 1, YAW] {
+            put(self.x[k]);
+        }
+        for k in 0..3 {
+            put(y[k]);
+        }
+        let mut swivel = 0;
+        for i in 0..layout.wheels {
+            put(self.x[layout.spin(i)]);
+            put(y[layout.wheel_output(i, WheelOutput::SpinRate)]);
+            if layout.swivels.get(swivel) == Some(&i) {
+                put(self.x[layout.swivel(swivel)]);
+                put(y[layout.wheel_output(i, WheelOutput::SteeringRate)]);
+                swivel += 1;
+            }
+        }
+        let System::Rolling(rolling) = &self.system else {
+            return;
+        };
+        if detail == Detail::Motion {
+            return;
+        }
+        for (i, wheel) in rolling.platform().wheels().iter().enumerate() {
+            if command_signal(&wheel.drive).is_some() {
+                put(y[layout.wheel_output(i, WheelOutput::Torque)]);
+            }
+            if matches!(wheel.drive, appell_model::drive::Drive::DcMotor(_)) {
+                put(y[layout.wheel_output(i, WheelOutput::Current)]);
+            }
+            put(y[layout.wheel_output(i, WheelOutput::Longitudinal)]);
+            put(y[layout.wheel_output(i, WheelOutput::Lateral)]);
+            put(y[layout.wheel_output(i, WheelOutput::Load)]);
+        }
+        for k in 3..6 {
+            put(y[k]);
+        }
+        let ledger = &self.x[layout.ledger()..layout.ledger() + LEDGER];
+        let [supplied, windings, gears, friction] = ledger else {
+            unreachable!("the ledger has four entries");
+        };
+        for value in [supplied, windings, gears, friction] {
+            put(*value);
+        }
+        // What the ledger does not explain: zero but for the integrator.
+        let stored = y[3] + y[4] + y[5] - self.energy_start;
+        put(stored - (supplied - windings - gears - friction));
+    }
+
+    fn save(&self, bytes: &mut Vec<u8>) {
+        save_numbers(&self.x, bytes);
+        save_numbers(&self.u, bytes);
+        save_numbers(&self.mode, bytes);
+        let step = match &self.method {
+            Method::Adaptive(adaptive) => adaptive.next_step(),
+            Method::RungeKutta4(_) | Method::Exponential(_) => 0.0,
+        };
+        save_numbers(&[step, self.energy_start], bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
+        let mut used = restore_numbers(&mut self.x, bytes)?;
+        used += restore_numbers(&mut self.u, &bytes[used..])?;
+        used += restore_numbers(&mut self.mode, &bytes[used..])?;
+        let mut rest = [0.0; 2];
+        used += restore_numbers(&mut rest, &bytes[used..])?;
+        if let Method::Adaptive(adaptive) = &mut self.method {
+            adaptive.set_next_step(rest[0]);
+        }
+        self.energy_start = rest[1];
+        Some(used)
+    }
+}
+
+impl Plant {
+    fn take_input(&mut self, input: &[f64]) {
+        let mut u = std::mem::take(&mut self.u);
+        self.spread_input(input, &mut u);
+        self.u = u;
+    }
+
+    /// Ports to the model's input vector.
+    fn spread_input(&self, input: &[f64], u: &mut [f64]) {
+        let platform = match &self.system {
+            System::Kinematic(system) => system.platform(),
+            System::Rolling(system) => system.platform(),
+        };
+        let mut next = 0;
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            if command_signal(&wheel.drive).is_some() {
+                u[i] = input[next];
+                next += 1;
+            }
+        }
+        u[platform.layout().brake_input()] = input[next].clamp(0.0, 1.0);
+    }
+}
+
+#[allow(clippy::too_many_arguments)]
+fn advance<S: Dynamics<f64>>(
+    name: &str,
+    method: &mut Adaptive<f64>,
+    system: &S,
+    input: &Held<'_, f64>,
+    t: f64,
+    dt: f64,
+    x: &mut [f64],
+    mode: &mut [f64],
+) -> Result<(), BlockError> {
+    // Time within the step: small numbers keep event times exact however long the run.
+    let result = method.advance(system, input, 0.0, dt, x, mode, None);
+    result.map(|_| ()).map_err(|stalled| BlockError {
+        block: name.to_owned(),
+        problem: match stalled {
+            Stalled::StepTooSmall(at) => format!("the adaptive step vanished at t = {} s", t + at),
+            Stalled::NotFinite(at) => format!("the state is no longer finite at t = {} s", t + at),
+        },
+    })
+}
+
+/// Speed over ground of a twist, m/s.
+pub fn speed(forward: f64, left: f64) -> f64 {
+    hypot(forward, left)
+}

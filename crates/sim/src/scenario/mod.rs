@@ -1,0 +1,793 @@
+//! The scenario file: what people write. Plain data, read strictly, checked by [`check`].
+//!
+//! The doc comments of these types are the reference manual: the JSON Schema and the book's tables
+//! are made from them. Units are SI unless the key says otherwise.
+
+mod check;
+mod diagnostic;
+mod read;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use check::check;
+pub use diagnostic::{Diagnostic, Diagnostics};
+pub use read::{Loaded, Overrides, load, load_robot, load_text};
+
+/// Version of the scenario format that this program reads.
+pub const SCHEMA: u32 = 1;
+
+/// A scenario: an arena, robots in it, what each has to do, and what is recorded.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// Version of this format; 1.
+    pub schema: u32,
+    /// Short name, used for the output folder: letters, digits, `-` and `_`.
+    pub name: String,
+    /// One line for people; the report's heading.
+    #[serde(default)]
+    pub title: String,
+    /// Seed of all random numbers. A stream is keyed by (seed, trial, signal), so that one more
+    /// sensor changes no other.
+    #[serde(default)]
+    pub seed: u64,
+    /// Step, duration and integrator.
+    pub time: Time,
+    /// The arena and its beacons.
+    pub arena: Arena,
+    /// The ground; flat if left out.
+    #[serde(default)]
+    pub terrain: Terrain,
+    /// The robots, one or more.
+    pub robot: Vec<Robot>,
+    /// What is written, and how often.
+    #[serde(default)]
+    pub record: Record,
+}
+
+/// Time: the step of the physics, the length of the run and the method.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Time {
+    /// Step of the physics, s. All periods are multiples of it.
+    #[serde(default = "defaults::step")]
+    pub step: f64,
+    /// Longest duration of the run, s; a task that has not been passed by then has failed.
+    pub duration: f64,
+    /// Method of integration.
+    #[serde(default)]
+    pub integrator: Integrator,
+    /// Relative tolerance of the adaptive integrator.
+    #[serde(default = "defaults::tolerance")]
+    pub tolerance: f64,
+}
+
+/// Methods of integration.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Integrator {
+    /// Runge–Kutta 4 where it is accurate at this step, else the exponential method.
+    #[default]
+    Auto,
+    /// Runge–Kutta 4 at the fixed step; refused where it would be unstable.
+    Rk4,
+    /// Exponential midpoint: exact for the linear part of motors, however small L/R.
+    Exponential,
+    /// Tsitouras 5(4) with error control; finds the instants at which wheels stop or let go.
+    Adaptive,
+}
+
+/// The arena: the rectangle [0, W] × [0, H] and its beacons.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Arena {
+    /// Width and height, m.
+    pub size: [f64; 2],
+    /// 1 to 15 beacons.
+    pub beacon: Vec<Beacon>,
+}
+
+/// A beacon: a post that robots find, pass and must not touch.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Beacon {
+    /// Name, unique in the arena.
+    pub name: String,
+    /// Centre, m.
+    pub position: [f64; 2],
+    /// Radius, m.
+    #[serde(default = "defaults::beacon_radius")]
+    pub radius: f64,
+}
+
+/// The ground.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Terrain {
+    /// A level floor.
+    Flat {
+        /// Gravity, m/s².
+        #[serde(default = "defaults::gravity")]
+        gravity: f64,
+        /// Coefficient of friction between wheels and ground, to judge the contact forces by.
+        #[serde(default)]
+        friction: Option<f64>,
+    },
+    /// An inclined plane; the arena lies in it.
+    Plane {
+        /// Slope, degrees.
+        slope_deg: f64,
+        /// Heading of the downhill direction in the arena, degrees.
+        #[serde(default)]
+        downhill_heading_deg: f64,
+        /// Gravity, m/s².
+        #[serde(default = "defaults::gravity")]
+        gravity: f64,
+        /// Coefficient of friction between wheels and ground, to judge the contact forces by.
+        #[serde(default)]
+        friction: Option<f64>,
+    },
+}
+
+impl Default for Terrain {
+    fn default() -> Self {
+        Terrain::Flat {
+            gravity: defaults::gravity(),
+            friction: None,
+        }
+    }
+}
+
+/// Level of the model.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Level {
+    /// Wheels turn as commanded and roll: the rates command the motion.
+    Kinematic,
+    /// Masses, inertias and forces under ideal rolling.
+    Rolling,
+}
+
+/// Which drives move the robot at level `rolling`.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DriveChoice {
+    /// The drives of the robot file.
+    AsBuilt,
+    /// Ideal torque sources with the largest torque that the drives of the file can give.
+    Torque,
+    /// The DC motors of the robot file; refused where it has none.
+    DcMotor,
+}
+
+/// A robot in the arena.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// Name, unique in the scenario.
+    pub name: String,
+    /// Robot file, relative to the scenario file; or write the platform inline.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// The platform, inline; what a robot file holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub platform: Option<Platform>,
+    /// Level of the model.
+    #[serde(default = "defaults::level")]
+    pub level: Level,
+    /// Drives at level `rolling`.
+    #[serde(default = "defaults::drive")]
+    pub drive: DriveChoice,
+    /// Start pose x, y, yaw: m, m, rad.
+    pub pose: [f64; 3],
+    /// Start twist: forward speed m/s and yaw rate rad/s (level `rolling`).
+    #[serde(default)]
+    pub twist: [f64; 2],
+    /// Sensors.
+    #[serde(default)]
+    pub sensor: Vec<Sensor>,
+    /// What decides; without one the robot is left to itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub controller: Option<Controller>,
+    /// The cascade from twist to wheel rates to drive commands.
+    #[serde(default)]
+    pub servo: Servo,
+    /// What it has to do; without a task the run lasts its whole duration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<Task>,
+}
+
+/// A robot file: body, wheels and drives.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Platform {
+    /// Version of this format; 1.
+    pub schema: u32,
+    /// Name of the robot.
+    pub name: String,
+    /// One or two sentences: what it is and where the numbers come from.
+    #[serde(default)]
+    pub description: String,
+    /// Radius of the disc about the base's origin that must not touch anything, m.
+    pub collision_radius: f64,
+    /// Outline in the base frame, m, counter-clockwise; drawn, and bounds the plausible inertia.
+    #[serde(default)]
+    pub footprint: Vec<[f64; 2]>,
+    /// The body without its wheels.
+    pub body: Body,
+    /// 2 to 12 wheels.
+    pub wheel: Vec<Wheel>,
+}
+
+/// The body without the wheels.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Body {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Yaw inertia about its own centre of mass, kg·m².
+    pub inertia_com: f64,
+    /// Centre of mass in the base frame (x forward, y left, z above the ground), m.
+    pub center_of_mass: [f64; 3],
+}
+
+/// A wheel: a mount, a radius, a steering and a rim.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wheel {
+    /// Name, unique in the robot.
+    pub name: String,
+    /// Contact point (casters and steered wheels: pivot) in the base frame, m.
+    pub mount: [f64; 2],
+    /// Radius, m.
+    pub radius: f64,
+    /// Width, m; drawn only.
+    #[serde(default = "defaults::width")]
+    pub width: f64,
+    /// How its plane turns about the vertical.
+    #[serde(default)]
+    pub steering: Steering,
+    /// What its rim resists.
+    #[serde(default)]
+    pub rim: Rim,
+    /// Mass, kg.
+    #[serde(default)]
+    pub mass: f64,
+    /// Spin inertia about the axle, kg·m², without the rotor.
+    #[serde(default)]
+    pub spin_inertia: f64,
+    /// Inertia about the vertical, kg·m².
+    #[serde(default)]
+    pub vertical_inertia: f64,
+    /// Losses at the axle and the pivot.
+    #[serde(default)]
+    pub friction: Friction,
+    /// Largest torque of its brake, N·m; the brake command is a channel of the signals controller.
+    #[serde(default)]
+    pub brake_torque: f64,
+    /// What drives the axle; nothing if left out.
+    #[serde(default)]
+    pub drive: Drive,
+}
+
+/// How the wheel plane turns.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Steering {
+    /// Fixed in the body.
+    Fixed {
+        /// Angle of the rolling direction against the base's x-axis, degrees.
+        #[serde(default)]
+        angle_deg: f64,
+    },
+    /// Swivels freely: a caster.
+    Free {
+        /// Distance from the pivot back to the contact, m.
+        trail: f64,
+        /// Angle at the start, degrees.
+        #[serde(default)]
+        angle_deg: f64,
+    },
+}
+
+impl Default for Steering {
+    fn default() -> Self {
+        Steering::Fixed { angle_deg: 0.0 }
+    }
+}
+
+/// What the rim resists.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Rim {
+    /// A tire: rolls along its plane and not across.
+    #[default]
+    Plain,
+    /// Rollers, as of mecanum (±45°) and omni wheels (0°).
+    Rollers {
+        /// From the rolling direction to the axis of the roller on the ground, degrees.
+        angle_deg: f64,
+    },
+}
+
+/// Losses of a wheel.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// Viscous coefficient of the axle, N·m·s/rad.
+    #[serde(default)]
+    pub viscous: f64,
+    /// Dry friction of bearing and gear at the axle, N·m; set-valued: it holds a wheel at rest.
+    #[serde(default)]
+    pub dry: f64,
+    /// Coefficient of rolling resistance: resisting force over normal load (static load on the
+    /// given slope).
+    #[serde(default)]
+    pub rolling: f64,
+    /// Viscous coefficient of the pivot of a caster, N·m·s/rad.
+    #[serde(default)]
+    pub pivot_viscous: f64,
+}
+
+/// What drives an axle.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Drive {
+    /// Nothing: the wheel turns freely.
+    #[default]
+    None,
+    /// An ideal torque source.
+    Torque {
+        /// Largest torque at the axle, N·m.
+        torque_max: f64,
+        /// Largest spin rate commanded at level `kinematic`, rad/s.
+        rate_max: f64,
+    },
+    /// A DC motor with gearbox.
+    DcMotor {
+        /// Armature resistance, Ω.
+        resistance: f64,
+        /// Armature inductance, H; 0 for a winding without one.
+        inductance: f64,
+        /// Torque constant, N·m/A.
+        torque_constant: f64,
+        /// Back-EMF constant, V·s/rad; equal to the torque constant unless measured apart.
+        #[serde(default)]
+        back_emf_constant: Option<f64>,
+        /// Motor turns per wheel turn.
+        #[serde(default = "defaults::one")]
+        gear_ratio: f64,
+        /// Efficiency of the gearbox.
+        #[serde(default = "defaults::one")]
+        gear_efficiency: f64,
+        /// Inertia of the rotor, kg·m²; adds n² of it to the spin inertia.
+        #[serde(default)]
+        rotor_inertia: f64,
+        /// Supply voltage, V.
+        voltage_max: f64,
+        /// Current limit of the driver, A; none if left out.
+        #[serde(default)]
+        current_max: Option<f64>,
+    },
+}
+
+/// A sensor; its outputs are signals of the robot.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Sensor {
+    /// The true pose, with noise if given: `sensor.pose.x`, `.y`, `.yaw`.
+    Pose {
+        /// Period, s.
+        period: f64,
+        /// Standard deviation of x and y, m.
+        #[serde(default)]
+        position_std: f64,
+        /// Standard deviation of yaw, rad.
+        #[serde(default)]
+        yaw_std: f64,
+    },
+    /// Angles of the driven wheels: `sensor.encoder.<wheel>`.
+    Encoder {
+        /// Period, s.
+        period: f64,
+        /// Steps per turn of the wheel; 0 for no rounding.
+        #[serde(default)]
+        resolution: u32,
+        /// Standard deviation of the angle, rad.
+        #[serde(default)]
+        angle_std: f64,
+    },
+    /// Pose summed from the wheels' turning by exact arcs: `sensor.odometry.x`, `.y`, `.yaw`.
+    /// Starts at the true pose.
+    Odometry {
+        /// Period, s.
+        period: f64,
+        /// Steps per turn of the wheel; 0 for no rounding.
+        #[serde(default)]
+        resolution: u32,
+        /// Standard deviation of each measured wheel angle, rad.
+        #[serde(default)]
+        angle_std: f64,
+        /// Factor by which all wheel radii are believed larger than they are.
+        #[serde(default = "defaults::one")]
+        radius_scale: f64,
+        /// Factor by which the track is believed wider than it is.
+        #[serde(default = "defaults::one")]
+        track_scale: f64,
+    },
+    /// Range and bearing of each beacon: `sensor.beacon.<name>.range`, `.bearing`, `.visible`.
+    RangeBearing {
+        /// Period, s.
+        period: f64,
+        /// Largest range, m.
+        range_max: f64,
+        /// Full angle of view about the heading, degrees.
+        #[serde(default = "defaults::full_view")]
+        view_deg: f64,
+        /// Standard deviation of the range, m.
+        #[serde(default)]
+        range_std: f64,
+        /// Standard deviation of the bearing, rad.
+        #[serde(default)]
+        bearing_std: f64,
+    },
+}
+
+/// What decides.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Controller {
+    /// Drives to a beacon and stops beside it.
+    Homing(Follower),
+    /// Drives between two beacons.
+    Gate(Follower),
+    /// Drives figure eights round two beacons.
+    Eight(Follower),
+    /// Passes a chain of beacons on alternating sides.
+    Slalom(Follower),
+    /// Open loop: a signal of time for each channel.
+    Signals {
+        /// Period, s.
+        #[serde(default = "defaults::control_period")]
+        period: f64,
+        /// Channels; those not named stay at zero.
+        channel: Vec<Channel>,
+    },
+}
+
+/// A follower of the path that is planned for the robot's task.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Follower {
+    /// Period, s.
+    #[serde(default = "defaults::control_period")]
+    pub period: f64,
+    /// Where it takes its pose from.
+    #[serde(default)]
+    pub pose: PoseSource,
+    /// Largest speed, m/s.
+    #[serde(default = "defaults::speed")]
+    pub speed: f64,
+    /// Largest acceleration along the path, m/s².
+    #[serde(default = "defaults::acceleration")]
+    pub acceleration: f64,
+    /// Largest acceleration across the path, m/s².
+    #[serde(default = "defaults::acceleration")]
+    pub lateral_acceleration: f64,
+    /// Largest yaw rate, rad/s.
+    #[serde(default = "defaults::yaw_rate")]
+    pub yaw_rate: f64,
+    /// Distance over which an offset from the path is driven out, m.
+    #[serde(default = "defaults::lookahead")]
+    pub lookahead: f64,
+}
+
+/// Where a controller takes its pose from.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseSource {
+    /// The true pose.
+    #[default]
+    Truth,
+    /// The pose sensor.
+    PoseSensor,
+    /// The wheel odometry.
+    Odometry,
+}
+
+/// A channel of the signals controller.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// `wheel.<name>`: command of that drive (rad/s, N·m or V); `brake`: 0 to 1; or
+    /// `forward` (m/s), `left` (m/s), `yaw_rate` (rad/s) through the servo.
+    pub to: String,
+    /// The signal.
+    pub signal: Signal,
+}
+
+/// A signal of time.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Signal {
+    /// The same value always.
+    Constant {
+        /// Value.
+        value: f64,
+    },
+    /// One value before an instant, another from it on.
+    Step {
+        /// Instant, s.
+        at: f64,
+        /// Value before.
+        #[serde(default)]
+        before: f64,
+        /// Value from then on.
+        after: f64,
+    },
+    /// From one value to another between two instants.
+    Ramp {
+        /// Start, s.
+        from_time: f64,
+        /// End, s.
+        to_time: f64,
+        /// Value until the start.
+        #[serde(default)]
+        from: f64,
+        /// Value from the end on.
+        to: f64,
+    },
+    /// offset + amplitude · sin(2π t / period + phase).
+    Sine {
+        /// Amplitude.
+        amplitude: f64,
+        /// Period, s.
+        period: f64,
+        /// Phase, degrees.
+        #[serde(default)]
+        phase_deg: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// offset + amplitude in the first half of each period, offset − amplitude in the second.
+    Square {
+        /// Amplitude.
+        amplitude: f64,
+        /// Period, s.
+        period: f64,
+        /// Phase, degrees.
+        #[serde(default)]
+        phase_deg: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// Triangle from offset, rising first.
+    Triangle {
+        /// Amplitude.
+        amplitude: f64,
+        /// Period, s.
+        period: f64,
+        /// Phase, degrees.
+        #[serde(default)]
+        phase_deg: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// Rises from offset − amplitude to offset + amplitude in each period.
+    Sawtooth {
+        /// Amplitude.
+        amplitude: f64,
+        /// Period, s.
+        period: f64,
+        /// Phase, degrees.
+        #[serde(default)]
+        phase_deg: f64,
+        /// Offset.
+        #[serde(default)]
+        offset: f64,
+    },
+    /// Columns of a CSV file, relative to the scenario file: straight lines between its rows, held
+    /// outside.
+    Table {
+        /// The file; its first column is time, s.
+        file: String,
+        /// Name of the column.
+        column: String,
+    },
+}
+
+/// The cascade from a twist to wheel rates and from wheel rates to drive commands.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Servo {
+    /// Period, s; that of the controller if left out.
+    pub period: Option<f64>,
+    /// Bandwidth of the wheel-rate loop, rad/s; a fifth of a step of its period if left out.
+    pub bandwidth: Option<f64>,
+    /// Time constant of the integral part, s.
+    pub integral_time: f64,
+}
+
+impl Default for Servo {
+    fn default() -> Self {
+        Servo {
+            period: None,
+            bandwidth: None,
+            integral_time: 0.15,
+        }
+    }
+}
+
+/// What a robot has to do.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Task {
+    /// Come to rest near a beacon.
+    Homing {
+        /// Name of the beacon.
+        beacon: String,
+        /// Largest distance between the base's origin and the beacon's centre, m.
+        distance: f64,
+        /// Speed below which it counts as stopped, m/s.
+        #[serde(default = "defaults::stop_speed")]
+        speed: f64,
+        /// Time for which it must stay, s.
+        #[serde(default = "defaults::one")]
+        hold: f64,
+    },
+    /// Drive between two beacons, once.
+    Gate {
+        /// Names of the beacons b₁, b₂.
+        beacons: [String; 2],
+        /// Which way through.
+        #[serde(default)]
+        direction: Direction,
+        /// Distance to drive clear of the gate, m.
+        #[serde(default = "defaults::exit")]
+        exit: f64,
+    },
+    /// Drive figure eights round two beacons, back to the start.
+    Eight {
+        /// Names of the beacons.
+        beacons: [String; 2],
+        /// Number of eights.
+        #[serde(default = "defaults::laps")]
+        laps: u32,
+        /// Largest gap between end and start, m.
+        #[serde(default = "defaults::close")]
+        close: f64,
+    },
+    /// Pass a chain of beacons on alternating sides.
+    Slalom {
+        /// Names of the beacons, in order.
+        chain: Vec<String>,
+        /// Side on which the robot passes the first: it drives with the beacon on its other hand.
+        #[serde(default)]
+        first_side: Side,
+        /// Largest distance at which a beacon counts as passed, m.
+        #[serde(default = "defaults::offset_max")]
+        offset_max: f64,
+    },
+}
+
+/// Which way through a gate b₁, b₂.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// Either way.
+    #[default]
+    Any,
+    /// With b₁ on the left hand.
+    FirstLeft,
+    /// With b₁ on the right hand.
+    FirstRight,
+}
+
+/// The side of a beacon on which a robot passes, seen along the chain.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Side {
+    /// The first passage decides.
+    #[default]
+    Any,
+    /// The robot passes on the left of the beacon.
+    Left,
+    /// The robot passes on the right of the beacon.
+    Right,
+}
+
+/// What is written.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Record {
+    /// Period of the recorded rows, s.
+    pub period: f64,
+    /// Formats, beside the MCAP file that every run writes.
+    pub formats: Vec<Format>,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Record {
+            period: 0.01,
+            formats: Vec::new(),
+        }
+    }
+}
+
+/// Formats of a recording.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Format {
+    /// Comma-separated values.
+    Csv,
+    /// Apache Parquet.
+    Parquet,
+}
+
+/// Default values, each named so that the manual can state it.
+mod defaults {
+    use super::{DriveChoice, Level};
+
+    pub fn step() -> f64 {
+        0.001
+    }
+    pub fn tolerance() -> f64 {
+        1e-9
+    }
+    pub fn beacon_radius() -> f64 {
+        0.05
+    }
+    pub fn gravity() -> f64 {
+        9.81
+    }
+    pub fn level() -> Level {
+        Level::Rolling
+    }
+    pub fn drive() -> DriveChoice {
+        DriveChoice::AsBuilt
+    }
+    pub fn width() -> f64 {
+        0.03
+    }
+    pub fn one() -> f64 {
+        1.0
+    }
+    pub fn full_view() -> f64 {
+        360.0
+    }
+    pub fn control_period() -> f64 {
+        0.01
+    }
+    pub fn speed() -> f64 {
+        0.6
+    }
+    pub fn acceleration() -> f64 {
+        0.6
+    }
+    pub fn yaw_rate() -> f64 {
+        2.0
+    }
+    pub fn lookahead() -> f64 {
+        0.25
+    }
+    pub fn stop_speed() -> f64 {
+        0.01
+    }
+    pub fn exit() -> f64 {
+        0.5
+    }
+    pub fn laps() -> u32 {
+        1
+    }
+    pub fn close() -> f64 {
+        0.3
+    }
+    pub fn offset_max() -> f64 {
+        1.2
+    }
+}
