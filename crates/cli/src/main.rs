@@ -1,32 +1,53 @@
-//! quick
-use appell_sim::{record::*, run::*, scenario};
-fn main() {
-    let args: Vec<String> = std::env::args().collect();
-    let t0 = std::time::Instant::now();
-    let set: Vec<(String, String)> = args[2..]
-        .iter()
-        .filter_map(|a| a.split_once('='))
-        .map(|(a, b)| (a.into(), b.into()))
-        .collect();
-    let loaded = match scenario::load(std::path::Path::new(&args[1]), &set) {
-        Ok(l) => l,
-        Err(e) => {
-            println!("{e}");
-            return;
+//! `appell`: a workbench for the motion of wheeled mobile robots.
+//!
+//! A thin front: it parses arguments, calls `appell-sim` and prints what came of it.
+
+mod arguments;
+mod check;
+mod compare;
+mod new;
+mod plot;
+mod run;
+mod terminal;
+
+use std::process::ExitCode;
+
+use arguments::{Arguments, Command};
+use clap::{CommandFactory, Parser};
+
+/// Exit codes, as `appell --help` states them.
+pub mod exit {
+    /// The task was passed, or there was none.
+    pub const PASSED: u8 = 0;
+    /// A task failed.
+    pub const FAILED: u8 = 1;
+    /// The input is wrong.
+    pub const BAD_INPUT: u8 = 2;
+    /// The output could not be written.
+    pub const OUTPUT: u8 = 4;
+    /// A defect of the program.
+    pub const INTERNAL: u8 = 70;
+}
+
+fn main() -> ExitCode {
+    terminal::survive_closed_pipes();
+    let arguments = Arguments::parse();
+    terminal::set_color(arguments.color);
+    let code = match arguments.command {
+        Command::Run(options) => run::run(&options),
+        Command::Check(options) => check::check(&options),
+        Command::Plot(options) => plot::plot(&options),
+        Command::Compare(options) => compare::compare(&options),
+        Command::New(options) => new::new(&options),
+        Command::Schema(options) => {
+            terminal::print(&appell_sim::scenario::schema(options.robot));
+            exit::PASSED
+        }
+        Command::Completions { shell } => {
+            let mut command = Arguments::command();
+            clap_complete::generate(shell, &mut command, "appell", &mut std::io::stdout());
+            exit::PASSED
         }
     };
-    println!("load {:?}", t0.elapsed());
-    let mut run = match Run::new(&loaded, 0) {
-        Ok(r) => r,
-        Err(e) => {
-            println!("{e}");
-            return;
-        }
-    };
-    println!("build {:?}", t0.elapsed());
-    let mut memory = Memory::new();
-    let t1 = std::time::Instant::now();
-    let summary = run.execute(&mut memory, &mut |_| {}).unwrap();
-    println!("run {:?} for {} s", t1.elapsed(), summary.duration);
-    println!("{}", serde_json::to_string_pretty(&summary).unwrap());
+    ExitCode::from(code)
 }

@@ -5,13 +5,16 @@
 
 pub mod block;
 pub mod build;
+pub mod compare;
 pub mod controller;
+pub mod design;
 pub mod judge;
 pub mod layout;
 pub mod noise;
 pub mod plan;
 pub mod plant;
 pub mod record;
+pub mod report;
 pub mod run;
 pub mod scenario;
 pub mod sensor;

@@ -6,13 +6,18 @@ use super::{
     Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event, check_row,
 };
 
-/// Keeps everything; [`Memory::into_recording`] gives it as columns.
+/// Keeps the rows; [`Memory::into_recording`] gives them as columns.
 #[derive(Debug)]
 pub struct Memory {
     recording: Recording,
     /// Row after row: one cache line is written per step, not one per column.
     rows: Vec<f64>,
     stage: Stage,
+    /// Most rows that are kept.
+    limit: usize,
+    /// Of how many frames one is kept; doubles whenever the limit is reached.
+    stride: u64,
+    frames: u64,
 }
 
 impl Memory {
@@ -22,7 +27,31 @@ impl Memory {
             recording: Recording::default(),
             rows: Vec::new(),
             stage: Stage::Created,
+            limit: usize::MAX,
+            stride: 1,
+            frames: 0,
         }
+    }
+
+    /// A recorder that keeps at most `limit` rows, evenly spread over the run, and the last one.
+    pub fn bounded(limit: usize) -> Self {
+        Self {
+            limit: limit.max(2),
+            ..Self::new()
+        }
+    }
+
+    /// Drops every other row.
+    fn thin(&mut self) {
+        let width = self.recording.header.signals.len();
+        let kept = self.recording.times.len().div_ceil(2);
+        for k in 1..kept {
+            self.recording.times[k] = self.recording.times[2 * k];
+            self.rows.copy_within(2 * k * width..(2 * k + 1) * width, k * width);
+        }
+        self.recording.times.truncate(kept);
+        self.rows.truncate(kept * width);
+        self.stride *= 2;
     }
 
     /// The rows so far.
@@ -63,8 +92,18 @@ impl Recorder for Memory {
 
     fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
         check_row(self.stage, t, row, self.recording.header.signals.len()).map_err(refused)?;
+        // The newest row always stands at the end; it stays if its turn has come.
+        let width = row.len();
+        if self.frames > 0 && !(self.frames - 1).is_multiple_of(self.stride) {
+            self.recording.times.pop();
+            self.rows.truncate(self.rows.len() - width);
+        }
+        if self.recording.times.len() >= self.limit {
+            self.thin();
+        }
         self.recording.times.push(t);
         self.rows.extend_from_slice(row);
+        self.frames += 1;
         Ok(())
     }
 

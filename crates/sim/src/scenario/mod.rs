@@ -791,3 +791,13 @@ mod defaults {
         1.2
     }
 }
+
+/// JSON Schema of scenario files, or of robot files.
+pub fn schema(robot: bool) -> String {
+    let schema = if robot {
+        schemars::schema_for!(Platform)
+    } else {
+        schemars::schema_for!(Scenario)
+    };
+    serde_json::to_string_pretty(&schema).expect("a schema is plain data")
+}

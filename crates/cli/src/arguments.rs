@@ -1,0 +1,193 @@
+//! What can be said on the command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// A workbench for the motion of wheeled mobile robots.
+///
+/// One scenario file gives a world: an arena with beacons, robots at a level of model, controllers
+/// and tasks. `appell run` drives it and writes a folder with a recording, a summary and a report.
+#[derive(Parser)]
+#[command(version, after_help = EXIT_CODES, max_term_width = 100)]
+pub struct Arguments {
+    /// When to use colour: also off when NO_COLOR is set or the output is no terminal.
+    #[arg(long, global = true, value_enum, default_value_t = Color::Auto)]
+    pub color: Color,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 task passed (or nothing to pass), 1 task failed, 2 bad input, \
+4 output could not be written, 70 a defect of the program.\n\
+First steps: appell run scenarios/slalom.toml";
+
+/// When to use colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Color {
+    /// On a terminal only.
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+/// The commands.
+#[derive(Subcommand)]
+pub enum Command {
+    /// Run scenarios: record, judge, and write summary, pictures and report.
+    Run(RunOptions),
+    /// Check a scenario or robot file, and report on the robot's design.
+    Check(CheckOptions),
+    /// Plot signals of a recording as SVG or PNG.
+    Plot(PlotOptions),
+    /// Run one scenario at several levels of model, side by side.
+    Compare(CompareOptions),
+    /// Write a starter scenario and robot into a new folder.
+    New(NewOptions),
+    /// Print the JSON Schema of scenario files, for editors.
+    Schema(SchemaOptions),
+    /// Print completions for a shell.
+    Completions {
+        /// The shell.
+        #[arg(value_enum)]
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Changes to a scenario.
+#[derive(Args, Clone, Default)]
+pub struct Changes {
+    /// Level of model of every robot: kinematic or rolling.
+    #[arg(long)]
+    pub level: Option<String>,
+    /// Drives of every robot at level rolling: as-built, torque or dc-motor.
+    #[arg(long)]
+    pub drive: Option<String>,
+    /// Method of integration: auto, rk4, exponential or adaptive.
+    #[arg(long)]
+    pub integrator: Option<String>,
+    /// Seed of all random numbers.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Set any value by its path, such as robot.tri.controller.speed=1.2; may be repeated.
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Options of `run`.
+#[derive(Args)]
+pub struct RunOptions {
+    /// Scenario files.
+    #[arg(required = true, value_name = "SCENARIO")]
+    pub scenarios: Vec<PathBuf>,
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Output folder; of several scenarios each gets a folder in it [default: runs/NAME].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Record to CSV, too.
+    #[arg(long)]
+    pub csv: bool,
+    /// Record to Parquet, too.
+    #[arg(long)]
+    pub parquet: bool,
+    /// Print the summary as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Write no report and no pictures.
+    #[arg(long)]
+    pub no_report: bool,
+    /// Write no recording.
+    #[arg(long)]
+    pub no_recording: bool,
+}
+
+/// Options of `check`.
+#[derive(Args)]
+pub struct CheckOptions {
+    /// Scenario or robot file.
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub changes: Changes,
+}
+
+/// Options of `plot`.
+#[derive(Args)]
+pub struct PlotOptions {
+    /// Recording: .mcap, .csv or .parquet.
+    pub recording: PathBuf,
+    /// Signals, or ends of their paths; one plot for each group of a unit. Without any: a list.
+    pub signals: Vec<String>,
+    /// Output file, .svg or .png.
+    #[arg(long, short, default_value = "plot.svg")]
+    pub out: PathBuf,
+    /// Start of the time axis, s.
+    #[arg(long)]
+    pub from: Option<f64>,
+    /// End of the time axis, s.
+    #[arg(long)]
+    pub to: Option<f64>,
+}
+
+/// Options of `compare`.
+#[derive(Args)]
+pub struct CompareOptions {
+    /// Scenario file.
+    pub scenario: PathBuf,
+    /// Levels, separated by commas.
+    #[arg(long, value_delimiter = ',', default_value = "kinematic,rolling")]
+    pub levels: Vec<String>,
+    /// Drives at level rolling, separated by commas.
+    #[arg(long, value_delimiter = ',', default_value = "torque,dc-motor")]
+    pub drives: Vec<String>,
+    /// Set any value by its path; may be repeated.
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<String>,
+    /// Output folder [default: runs/NAME-compare].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+}
+
+/// Options of `new`.
+#[derive(Args)]
+pub struct NewOptions {
+    /// Folder to make.
+    pub folder: PathBuf,
+}
+
+/// Options of `schema`.
+#[derive(Args)]
+pub struct SchemaOptions {
+    /// The schema of robot files instead.
+    #[arg(long)]
+    pub robot: bool,
+}
+
+impl Changes {
+    /// The changes as paths and TOML values.
+    pub fn overrides(&self) -> Result<Vec<(String, String)>, String> {
+        let mut overrides = Vec::new();
+        let quoted = |word: &String| format!("{word:?}");
+        if let Some(level) = &self.level {
+            overrides.push(("robot.*.level".into(), quoted(level)));
+        }
+        if let Some(drive) = &self.drive {
+            overrides.push(("robot.*.drive".into(), quoted(drive)));
+        }
+        if let Some(integrator) = &self.integrator {
+            overrides.push(("time.integrator".into(), quoted(integrator)));
+        }
+        if let Some(seed) = self.seed {
+            overrides.push(("seed".into(), seed.to_string()));
+        }
+        for set in &self.set {
+            let (path, value) = set
+                .split_once('=')
+                .ok_or_else(|| format!("--set {set}: must be PATH=VALUE, got no ="))?;
+            overrides.push((path.trim().to_owned(), value.trim().to_owned()));
+        }
+        Ok(overrides)
+    }
+}

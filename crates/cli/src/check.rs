@@ -1,0 +1,81 @@
+//! `appell check`.
+
+use std::path::Path;
+
+use appell_sim::design::{Design, design};
+use appell_sim::run::Run;
+use appell_sim::scenario::{self, Terrain};
+
+use crate::arguments::CheckOptions;
+use crate::{exit, terminal};
+
+/// Checks a file and prints what its robots amount to.
+pub fn check(options: &CheckOptions) -> u8 {
+    let overrides = match options.changes.overrides() {
+        Ok(overrides) => overrides,
+        Err(problem) => {
+            terminal::error(&problem);
+            return exit::BAD_INPUT;
+        }
+    };
+    if is_robot(&options.file) {
+        return match scenario::load_robot(&options.file) {
+            Ok(platform) => {
+                let report = text(&platform.name, &platform.description, &design(&platform, 9.81));
+                terminal::print(&format!("{}: a valid robot file\n\n{report}", options.file.display()));
+                exit::PASSED
+            }
+            Err(diagnostics) => {
+                terminal::error(&diagnostics.to_string());
+                exit::BAD_INPUT
+            }
+        };
+    }
+    let built = scenario::load(&options.file, &overrides).and_then(|loaded| Ok((Run::new(&loaded, 0)?, loaded)));
+    match built {
+        Ok((run, loaded)) => {
+            let mut out = format!(
+                "{}: a valid scenario with {} signals\n",
+                options.file.display(),
+                run.header.signals.len()
+            );
+            let gravity = match loaded.scenario.terrain {
+                Terrain::Flat { gravity, .. } | Terrain::Plane { gravity, .. } => gravity,
+            };
+            for robot in &loaded.scenario.robot {
+                if let Some(platform) = &robot.platform {
+                    out.push('\n');
+                    out.push_str(&text(&robot.name, &platform.description, &design(platform, gravity)));
+                }
+            }
+            terminal::print(&out);
+            exit::PASSED
+        }
+        Err(diagnostics) => {
+            terminal::error(&diagnostics.to_string());
+            exit::BAD_INPUT
+        }
+    }
+}
+
+/// Whether the file has the wheels of a robot file and not the robots of a scenario.
+fn is_robot(file: &Path) -> bool {
+    let Ok(text) = std::fs::read_to_string(file) else {
+        return false;
+    };
+    let has = |table: &str| text.lines().any(|line| line.trim_start().starts_with(table));
+    has("[[wheel]]") && !has("[[robot]]") && !has("[arena")
+}
+
+fn text(name: &str, description: &str, design: &Design) -> String {
+    let mut out = format!("{name}: {description}\n");
+    for finding in &design.findings {
+        let row = format!("  {:34} {:24} {}", finding.name, finding.value, finding.note);
+        out.push_str(row.trim_end());
+        out.push('\n');
+    }
+    for warning in &design.warnings {
+        out.push_str(&format!("  warning: {warning}\n"));
+    }
+    out
+}

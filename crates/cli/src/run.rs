@@ -1,0 +1,233 @@
+//! `appell run`.
+
+use std::path::{Path, PathBuf};
+
+use appell_sim::record::{Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording};
+use appell_sim::report::{self, Press};
+use appell_sim::run::{Outcome, Run, Summary};
+use appell_sim::scenario::{self, Format, Loaded};
+use appell_sim::world::SimError;
+use serde_json::Value;
+
+use crate::arguments::RunOptions;
+use crate::{exit, terminal};
+
+/// Most rows that a report is drawn from: 160 s at 100 Hz, thinned beyond.
+pub const REPORT_ROWS: usize = 16_000;
+
+/// Runs each scenario; the worst exit code of all.
+pub fn run(options: &RunOptions) -> u8 {
+    let overrides = match options.changes.overrides() {
+        Ok(overrides) => overrides,
+        Err(problem) => {
+            terminal::error(&problem);
+            return exit::BAD_INPUT;
+        }
+    };
+    let mut worst = exit::PASSED;
+    for file in &options.scenarios {
+        let loaded = match scenario::load(file, &overrides) {
+            Ok(loaded) => loaded,
+            Err(diagnostics) => {
+                terminal::error(&diagnostics.to_string());
+                worst = worst.max(exit::BAD_INPUT);
+                continue;
+            }
+        };
+        let name = &loaded.scenario.name;
+        let folder = match (&options.out, options.scenarios.len()) {
+            (Some(out), 1) => out.clone(),
+            (Some(out), _) => out.join(name),
+            (None, _) => Path::new("runs").join(name),
+        };
+        worst = worst.max(one(&loaded, &folder, options));
+    }
+    worst
+}
+
+fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
+    let mut run = match Run::new(loaded, 0) {
+        Ok(run) => run,
+        Err(diagnostics) => {
+            terminal::error(&diagnostics.to_string());
+            return exit::BAD_INPUT;
+        }
+    };
+    match execute(&mut run, loaded, folder, options) {
+        Ok(summary) => {
+            if options.json {
+                let text = serde_json::to_string_pretty(&summary).expect("a summary is plain data");
+                terminal::print(&text);
+            } else {
+                terminal::print(&format!(
+                    "{}  {}: {}\n{}  {}",
+                    terminal::verdict(summary.verdict),
+                    summary.scenario,
+                    summary.reason,
+                    terminal::summary(&summary),
+                    written(folder, options)
+                ));
+            }
+            match summary.verdict {
+                Outcome::Passed => exit::PASSED,
+                Outcome::Failed => exit::FAILED,
+                Outcome::Stopped if summary.robots.iter().all(|r| r.task == "none") => exit::PASSED,
+                Outcome::Stopped => exit::FAILED,
+            }
+        }
+        Err(failure) => {
+            terminal::error(&failure.text);
+            failure.code
+        }
+    }
+}
+
+fn written(folder: &Path, options: &RunOptions) -> String {
+    if options.no_report {
+        format!("written to {}", folder.display())
+    } else {
+        format!("report: {}", folder.join("report.html").display())
+    }
+}
+
+/// Why a run gave no summary.
+pub struct Failure {
+    /// Exit code.
+    pub code: u8,
+    /// What to print.
+    pub text: String,
+}
+
+impl Failure {
+    fn output(path: &Path, error: impl std::fmt::Display) -> Self {
+        Failure {
+            code: exit::OUTPUT,
+            text: format!(
+                "{}: cannot be written: {error}\n  hint: choose another folder with --out, or make room",
+                path.display()
+            ),
+        }
+    }
+}
+
+impl From<RecordError> for Failure {
+    fn from(error: RecordError) -> Self {
+        let hint = error.hint().map_or(String::new(), |hint| format!("\n  hint: {hint}"));
+        Failure {
+            code: exit::OUTPUT,
+            text: format!("{error}{hint}"),
+        }
+    }
+}
+
+fn execute(
+    run: &mut Run,
+    loaded: &Loaded,
+    folder: &Path,
+    options: &RunOptions,
+) -> Result<Summary, Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| Failure::output(folder, error))?;
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).map_err(|error| Failure::output(&path, error))
+    };
+    // What an earlier run left is not to be taken for this one's.
+    for old in ["summary.json", "report.html", "trajectory.svg", "trajectory.png"] {
+        let path = folder.join(old);
+        if path.exists() {
+            std::fs::remove_file(&path).map_err(|error| Failure::output(&path, error))?;
+        }
+    }
+    write("scenario.toml", loaded.resolved.as_bytes())?;
+    let formats = &loaded.scenario.record.formats;
+    let mut files: Vec<Box<dyn Recorder>> = Vec::new();
+    if !options.no_recording {
+        files.push(Box::new(Mcap::create(&folder.join("recording.mcap"))?));
+        if options.csv || formats.contains(&Format::Csv) {
+            files.push(Box::new(Csv::create(&folder.join("recording.csv"))?));
+        }
+        if options.parquet || formats.contains(&Format::Parquet) {
+            files.push(Box::new(Parquet::create(&folder.join("recording.parquet"))?));
+        }
+    }
+    let memory = (!options.no_report).then(|| Memory::bounded(REPORT_ROWS));
+    let mut recorder = Fan { files, memory };
+    let mut progress = terminal::Progress::new(&loaded.scenario.name, loaded.scenario.time.duration);
+    let result = run.execute(&mut recorder, &mut |t| progress.at(t));
+    progress.done();
+    let summary = result.map_err(|error| match error {
+        SimError::Record(error) => Failure::from(error),
+        other => Failure {
+            code: exit::FAILED,
+            text: other.to_string(),
+        },
+    })?;
+    let text = serde_json::to_string_pretty(&summary).expect("a summary is plain data");
+    write("summary.json", (text + "\n").as_bytes())?;
+    if let Some(memory) = recorder.memory {
+        for (name, bytes) in pages(&memory.into_recording(), &summary)? {
+            write(name, &bytes)?;
+        }
+    }
+    Ok(summary)
+}
+
+/// Report and pictures of a run, by file name.
+fn pages(recording: &Recording, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
+    let data = report::data(recording, summary);
+    let draw = || -> Result<_, report::ReportError> {
+        let press = Press::new()?;
+        let svg = press.arena(&data)?;
+        let png = report::png(&svg, 2.0)?;
+        let page = press.page(&data)?;
+        Ok(vec![
+            ("trajectory.svg", svg.into_bytes()),
+            ("trajectory.png", png),
+            ("report.html", page.into_bytes()),
+        ])
+    };
+    draw().map_err(|error| Failure {
+        code: exit::INTERNAL,
+        text: error.to_string(),
+    })
+}
+
+/// Writes to several recorders.
+pub struct Fan {
+    /// Recorders of files.
+    pub files: Vec<Box<dyn Recorder>>,
+    /// What the report is drawn from.
+    pub memory: Option<Memory>,
+}
+
+impl Fan {
+    fn each(
+        &mut self,
+        mut act: impl FnMut(&mut dyn Recorder) -> Result<(), RecordError>,
+    ) -> Result<(), RecordError> {
+        for file in &mut self.files {
+            act(file.as_mut())?;
+        }
+        self.memory.as_mut().map_or(Ok(()), |memory| act(memory))
+    }
+}
+
+impl Recorder for Fan {
+    fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.begin(header))
+    }
+    fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.frame(t, row))
+    }
+    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.event(event))
+    }
+    fn finish(&mut self, summary: &Value) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.finish(summary))
+    }
+}
+
+/// The folder of a comparison.
+pub fn folder_or(out: Option<&PathBuf>, name: &str) -> PathBuf {
+    out.cloned().unwrap_or_else(|| Path::new("runs").join(name))
+}

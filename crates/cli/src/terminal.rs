@@ -1,0 +1,160 @@
+//! The terminal: colour, pipes, progress and tables.
+
+use std::io::{IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use appell_sim::run::{Metric, Outcome, Summary};
+
+use crate::arguments::Color;
+
+static COLOR: AtomicBool = AtomicBool::new(false);
+
+/// Decides on colour once.
+pub fn set_color(color: Color) {
+    let on = match color {
+        Color::Always => true,
+        Color::Never => false,
+        Color::Auto => std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none(),
+    };
+    COLOR.store(on, Ordering::Relaxed);
+}
+
+/// A closed pipe (`appell … | head`) ends the program quietly: see [`print`].
+pub fn survive_closed_pipes() {
+    std::panic::set_hook(Box::new(|panic| {
+        eprintln!("appell: a defect of this program, please report it: {panic}");
+        std::process::exit(i32::from(crate::exit::INTERNAL));
+    }));
+}
+
+/// Prints to standard output; ends quietly when nobody reads it.
+pub fn print(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let written = out.write_all(text.as_bytes()).and_then(|()| {
+        if text.ends_with('\n') {
+            Ok(())
+        } else {
+            out.write_all(b"\n")
+        }
+    });
+    if written.and_then(|()| out.flush()).is_err() {
+        std::process::exit(0);
+    }
+}
+
+/// Prints an error with what was wrong.
+pub fn error(text: &str) {
+    let mark = if std::io::stderr().is_terminal() && COLOR.load(Ordering::Relaxed) {
+        "\x1b[1;31merror:\x1b[0m"
+    } else {
+        "error:"
+    };
+    eprintln!("{mark} {}", text.replace('\x1b', "\u{fffd}"));
+}
+
+fn styled(text: &str, code: &str) -> String {
+    if COLOR.load(Ordering::Relaxed) {
+        format!("\x1b[{code}m{text}\x1b[0m")
+    } else {
+        text.to_owned()
+    }
+}
+
+/// A verdict as a word.
+pub fn verdict(outcome: Outcome) -> String {
+    match outcome {
+        Outcome::Passed => styled("PASSED", "1;32"),
+        Outcome::Failed => styled("FAILED", "1;31"),
+        Outcome::Stopped => styled("STOPPED", "1;33"),
+    }
+}
+
+/// Four significant digits, without an exponent where that is short.
+pub fn number(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let size = value.abs();
+    if !(1e-3..1e6).contains(&size) {
+        return format!("{value:.2e}");
+    }
+    if value == value.round() && size < 1e5 {
+        return format!("{value}");
+    }
+    let whole = [1.0, 10.0, 100.0, 1000.0].iter().filter(|&&limit| size >= limit).count();
+    format!("{value:.*}", 4_usize.saturating_sub(whole.max(1)).max(1))
+}
+
+/// The table of a run's metrics.
+pub fn summary(summary: &Summary) -> String {
+    let mut text = String::new();
+    for robot in &summary.robots {
+        let heading = format!(
+            "{} · {} · level {} · drive {} · {}",
+            robot.name,
+            robot.task,
+            serde_json::to_value(robot.level).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
+            robot.drive,
+            robot.integrator
+        );
+        text.push_str(&styled(&heading, "1"));
+        text.push('\n');
+        if summary.robots.len() > 1 {
+            text.push_str(&format!("  {}  {}\n", verdict(robot.verdict), robot.reason));
+        }
+        for Metric { name, value, unit, note } in &robot.metrics {
+            let row = format!("  {name:26} {:>10} {unit:5} {}", number(*value), styled(note, "2"));
+            text.push_str(row.trim_end());
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// A progress bar that appears after a second, on a terminal only.
+pub struct Progress {
+    bar: Option<indicatif::ProgressBar>,
+    start: Instant,
+    end: f64,
+    name: String,
+}
+
+impl Progress {
+    /// Progress of a run of `end` seconds of simulated time.
+    pub fn new(name: &str, end: f64) -> Self {
+        Progress {
+            bar: None,
+            start: Instant::now(),
+            end,
+            name: name.to_owned(),
+        }
+    }
+
+    /// Tells the simulated time.
+    pub fn at(&mut self, t: f64) {
+        if self.bar.is_none() {
+            if self.start.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
+                return;
+            }
+            let style = indicatif::ProgressStyle::with_template("{msg} [{bar:30}] {percent}%  {prefix}, {eta} left")
+                .expect("the template is valid")
+                .progress_chars("=> ");
+            let bar = indicatif::ProgressBar::new(1000).with_style(style).with_elapsed(self.start.elapsed());
+            bar.set_message(self.name.clone());
+            self.bar = Some(bar);
+        }
+        if let Some(bar) = &self.bar {
+            let rate = t / self.start.elapsed().as_secs_f64();
+            bar.set_prefix(format!("{rate:.0} times real time"));
+            bar.set_position((1000.0 * t / self.end) as u64);
+        }
+    }
+
+    /// Takes the bar away.
+    pub fn done(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

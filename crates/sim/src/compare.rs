@@ -1,0 +1,117 @@
+//! Several runs of one task side by side: where they part, and what each needed.
+
+use appell_model::math::hypot;
+use serde_json::{Map, Value, json};
+
+use crate::record::Recording;
+use crate::run::{Outcome, Summary};
+
+/// One of the runs compared.
+pub struct Entry {
+    /// What it is called.
+    pub label: String,
+    /// Its recording.
+    pub recording: Recording,
+    /// Its summary.
+    pub summary: Summary,
+}
+
+/// Distance of one run from the first at equal times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Divergence {
+    /// Times, s.
+    pub times: Vec<f64>,
+    /// Distances between the robots' origins, m.
+    pub distances: Vec<f64>,
+}
+
+impl Divergence {
+    /// Largest distance, m, and its time, s.
+    pub fn largest(&self) -> (f64, f64) {
+        let mut largest = (0.0, 0.0);
+        for (&t, &distance) in self.times.iter().zip(&self.distances) {
+            if distance > largest.0 {
+                largest = (distance, t);
+            }
+        }
+        largest
+    }
+
+    /// First time at which the distance exceeds `limit`, m.
+    pub fn first_beyond(&self, limit: f64) -> Option<f64> {
+        let at = self.distances.iter().position(|&distance| distance > limit)?;
+        Some(self.times[at])
+    }
+}
+
+fn pose<'a>(entry: &'a Entry, robot: &str) -> [&'a [f64]; 3] {
+    ["x", "y", "yaw"].map(|axis| {
+        let column = entry.recording.column(&format!("robot.{robot}.pose.{axis}"));
+        column.unwrap_or(&[])
+    })
+}
+
+/// Distance of `entry`'s first robot from that of `reference` at the instants that both recorded.
+pub fn divergence(entry: &Entry, reference: &Entry) -> Divergence {
+    let robot = &entry.summary.robots[0].name;
+    let ([x, y, _], [rx, ry, _]) = (pose(entry, robot), pose(reference, robot));
+    let times = &entry.recording.times;
+    // All have the same period; the last row of a run may stand between two of them.
+    let count = times.len().min(reference.recording.times.len());
+    let shared = (0..count).take_while(|&k| times[k] == reference.recording.times[k]).count();
+    Divergence {
+        times: times[..shared].to_vec(),
+        distances: (0..shared).map(|k| hypot(x[k] - rx[k], y[k] - ry[k])).collect(),
+    }
+}
+
+/// Colours by which the runs are told apart: the last, the run of the report, is drawn in black.
+const COLORS: [&str; 4] = ["#CC79A7", "#009E73", "#56B4E9", "#E69F00"];
+
+/// The comparison block of a report's data.
+pub fn block(entries: &[Entry]) -> Value {
+    let short = |column: &[f64]| column.iter().map(|v| (v * 1e5).round() / 1e5).collect::<Vec<_>>();
+    let runs: Vec<Value> = entries
+        .iter()
+        .enumerate()
+        .map(|(k, entry)| {
+            let summary = &entry.summary.robots[0];
+            let [x, y, yaw] = pose(entry, &summary.name);
+            let last = k + 1 == entries.len();
+            let mut metrics = Map::new();
+            for (name, key, scale) in [
+                ("time", "time, s", 1.0),
+                ("path length", "path, m", 1.0),
+                ("beacon clearance", "clearance, mm", 1e3),
+                ("cross-track error, RMS", "off path RMS, mm", 1e3),
+                ("energy supplied", "energy, J", 1.0),
+            ] {
+                if let Some(metric) = summary.metrics.iter().find(|m| m.name == name) {
+                    metrics.insert(key.into(), json!(metric.value * scale));
+                }
+            }
+            json!({
+                "label": entry.label,
+                "status": match summary.verdict {
+                    Outcome::Passed => "passed",
+                    Outcome::Failed => "failed",
+                    Outcome::Stopped => "stopped",
+                },
+                "color": if last { "#15181D" } else { COLORS[k % COLORS.len()] },
+                "dash": k == 0,
+                "time": entry.recording.times,
+                "x": short(x),
+                "y": short(y),
+                "yaw": short(yaw),
+                "metrics": metrics,
+            })
+        })
+        .collect();
+    let distance: Vec<Value> = (1..entries.len())
+        .map(|k| {
+            let apart = divergence(&entries[k], &entries[0]);
+            json!({"run": k, "time": apart.times, "values": short(&apart.distances)})
+        })
+        .collect();
+    json!({"note": "same controller, same seed", "runs": runs, "reference": 0, "distance": distance})
+}

@@ -1,0 +1,256 @@
+//! The design report of a robot: what its file implies, and what in it is implausible.
+
+use appell_model::drive::Drive;
+use appell_model::math::hypot;
+use appell_model::scalar::Scalar;
+use appell_model::solve::{dot, invert, product};
+
+use crate::build::{self, DriveModel};
+use crate::scenario::Platform as File;
+
+/// One line of the report.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// What it is.
+    pub name: String,
+    /// Its value, with unit.
+    pub value: String,
+    /// How it was found.
+    pub note: String,
+}
+
+/// What a robot file implies.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Design {
+    /// Properties, in order.
+    pub findings: Vec<Finding>,
+    /// Implausible numbers, each with its path.
+    pub warnings: Vec<String>,
+}
+
+/// Derives the report for a gravity in m/s².
+///
+/// # Panics
+/// If the file has not been checked.
+pub fn design(file: &File, gravity: f64) -> Design {
+    let platform = build::platform(file, DriveModel::AsBuilt, gravity).expect("a checked platform can be built");
+    let layout = platform.layout();
+    let wheels = platform.wheels();
+    let n = layout.dof();
+    let mut report = Design::default();
+    let mut add = |name: &str, value: String, note: &str| {
+        report.findings.push(Finding {
+            name: name.into(),
+            value,
+            note: note.into(),
+        });
+    };
+    let mobility = layout.eta;
+    add(
+        "degree of mobility δm",
+        mobility.to_string(),
+        &format!("type ({mobility}, 0); steerability δs = 0"),
+    );
+    let lateral = wheels.iter().filter(|w| w.is_plain() && !w.swivels()).count();
+    add(
+        "lateral constraints",
+        format!("{lateral}, rank {}", layout.fixed_rank),
+        &format!("{} redundant", lateral - layout.fixed_rank),
+    );
+    let mass = platform.total_mass();
+    add("mass", format!("{mass:.4} kg"), "with wheels");
+    let center = center_of_mass(file, mass);
+    add("centre of mass", format!("({:.4}, {:.4}, {:.4}) m", center[0], center[1], center[2]), "whole robot; x forward, y left, z up");
+    for (wheel, load) in wheels.iter().zip(build::static_loads(&platform, gravity)) {
+        add(&format!("static load, {}", wheel.name), format!("{load:.2} N"), "level ground");
+    }
+
+    // Straight motion and turning, seen through the reduced equations.
+    let x = build::rest_state(&platform, [0.0; 3], &[]);
+    let reduced = platform.reduce(&x);
+    let inverse = invert(n, &reduced.mass);
+    let unit = |forward: f64, yaw: f64| platform.velocity_from_twist(appell_model::planar::vec2(forward, 0.0), yaw, &[]);
+    let mut speed = f64::INFINITY;
+    let mut turn = f64::INFINITY;
+    let (mut push, mut hold) = (0.0, 0.0);
+    let mut damping = [0.0; 2];
+    for (i, wheel) in wheels.iter().enumerate() {
+        let row = platform.spin_row(i, &platform.wheel_frame(i, &x));
+        let [ahead, about] = [unit(1.0, 0.0), unit(0.0, 1.0)].map(|v| dot(n, &row, &v));
+        hold += (wheel.dry_friction + wheel.brake) * ahead.abs();
+        let (rate, torque, drag) = match &wheel.drive {
+            Drive::None | Drive::Rate { .. } => {
+                damping[0] += wheel.viscous * ahead * ahead;
+                damping[1] += wheel.viscous * about * about;
+                continue;
+            }
+            Drive::Torque { torque_max } => (f64::INFINITY, *torque_max, 0.0),
+            Drive::DcMotor(motor) => {
+                let drag = motor.torque_per_current() * motor.back_emf(1.0) / motor.resistance;
+                (motor.no_load_rate(), motor.stall_torque(), drag)
+            }
+        };
+        speed = speed.min(rate / ahead.abs().max(1e-12));
+        turn = turn.min(rate / about.abs().max(1e-12));
+        push += torque * ahead.abs();
+        damping[0] += (drag + wheel.viscous) * ahead * ahead;
+        damping[1] += (drag + wheel.viscous) * about * about;
+        if let Drive::DcMotor(motor) = &wheel.drive
+            && motor.inductance > 0.0
+        {
+            add(&format!("electrical time constant, {}", wheel.name), time(motor.inductance / motor.resistance), "L/R");
+        }
+    }
+    if speed.is_finite() {
+        add("top speed", format!("{speed:.3} m/s"), "straight, no load");
+        add("top yaw rate", format!("{turn:.3} rad/s"), "on the spot, no load");
+    }
+    for (k, (name, v)) in [("speed", unit(1.0, 0.0)), ("yaw rate", unit(0.0, 1.0))].into_iter().enumerate() {
+        let inertia = dot(n, &v, &product(n, &reduced.mass, &v));
+        let exists = dot(n, &v, &v) > 0.0;
+        if damping[k] > 0.0 && exists {
+            add(&format!("time constant of {name}"), time(inertia / damping[k]), "drives and viscous losses, held voltage");
+        }
+    }
+    let stiffest = (0..wheels.len())
+        .map(|i| {
+            let row = platform.spin_row(i, &platform.wheel_frame(i, &x));
+            dot(n, &row, &product(n, &inverse, &row))
+        })
+        .fold(0.0, f64::max);
+    if stiffest > 0.0 {
+        add("inertia felt at the lightest axle", format!("{:.3e} kg·m²", 1.0 / stiffest), "");
+    }
+    let weight = mass * gravity;
+    if weight > 0.0 {
+        let resisting: f64 = wheels.iter().map(|w| w.dry_friction / w.radius).sum();
+        if push > 0.0 {
+            add("steepest slope it can climb", slope((push - resisting) / weight), "largest drive torque, wheels do not slip");
+        }
+        add("steepest slope it can hold", slope(hold / weight), "without power: dry friction and brakes, wheels do not slip");
+    }
+    let contacts: Vec<[f64; 2]> = file.wheel.iter().map(|w| w.mount).collect();
+    let hull = convex_hull(&contacts);
+    let mut inside = hull.len() >= 3;
+    for (name, direction) in [("forward", [1.0, 0.0]), ("backward", [-1.0, 0.0]), ("left", [0.0, 1.0]), ("right", [0.0, -1.0])] {
+        let Some(distance) = reach(&hull, [center[0], center[1]], direction) else {
+            inside = false;
+            continue;
+        };
+        let angle = Scalar::atan2(distance, center[2]).to_degrees();
+        add(&format!("tips over {name} at"), format!("{angle:.1}°"), "slope towards that side, at rest");
+    }
+    if !inside {
+        report.warnings.push(
+            "body.center_of_mass: lies outside the polygon of the wheels' contacts, so the robot falls over; move it or add a caster".into(),
+        );
+    }
+    plausible(file, &mut report.warnings);
+    report
+}
+
+/// Seconds in a readable unit.
+fn time(seconds: f64) -> String {
+    if seconds < 0.1 {
+        format!("{:.3} ms", 1e3 * seconds)
+    } else {
+        format!("{seconds:.3} s")
+    }
+}
+
+/// Slope angle from its sine; more than 1 climbs anything.
+fn slope(sine: f64) -> String {
+    if sine >= 1.0 {
+        "any".into()
+    } else if sine <= 0.0 {
+        "none".into()
+    } else {
+        let angle = Scalar::atan2(sine, (1.0 - sine * sine).sqrt()).to_degrees();
+        format!("{angle:.1}°")
+    }
+}
+
+/// Centre of mass of the whole robot, m; wheels at their mounts, at the height of their radius.
+fn center_of_mass(file: &File, mass: f64) -> [f64; 3] {
+    let mut sum = file.body.center_of_mass.map(|c| c * file.body.mass);
+    for wheel in &file.wheel {
+        for (axis, at) in [wheel.mount[0], wheel.mount[1], wheel.radius].into_iter().enumerate() {
+            sum[axis] += wheel.mass * at;
+        }
+    }
+    sum.map(|s| s / mass)
+}
+
+/// Numbers that no rigid body of this size has.
+fn plausible(file: &File, warnings: &mut Vec<String>) {
+    let corners = file.footprint.iter();
+    let half_diagonal = corners
+        .map(|corner| hypot(corner[0] - file.body.center_of_mass[0], corner[1] - file.body.center_of_mass[1]))
+        .fold(0.0, f64::max);
+    let reach = if half_diagonal > 0.0 { half_diagonal } else { file.collision_radius };
+    let gyration = (file.body.inertia_com / file.body.mass).sqrt();
+    if gyration > reach {
+        warnings.push(format!(
+            "body.inertia_com: a gyration radius of {gyration:.3} m needs mass beyond the body's reach of {reach:.3} m; expected at most {:.3e} kg·m²",
+            file.body.mass * reach * reach
+        ));
+    }
+    for wheel in &file.wheel {
+        let path = format!("wheel.{}", wheel.name);
+        let hoop = wheel.mass * wheel.radius * wheel.radius;
+        if wheel.spin_inertia > hoop * (1.0 + 1e-9) {
+            warnings.push(format!(
+                "{path}.spin_inertia: {:.3e} kg·m² is above m r² = {hoop:.3e}, that of a hoop; the rotor belongs into drive.rotor_inertia",
+                wheel.spin_inertia
+            ));
+        }
+        if wheel.vertical_inertia > 0.0 && wheel.spin_inertia > 2.0 * wheel.vertical_inertia * (1.0 + 1e-9) {
+            warnings.push(format!(
+                "{path}.vertical_inertia: {:.3e} kg·m² breaks the triangle inequality, spin inertia must be at most twice it",
+                wheel.vertical_inertia
+            ));
+        }
+    }
+}
+
+/// Convex hull, counter-clockwise (A. M. Andrew's monotone chain).
+fn convex_hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let half = |points: &mut dyn Iterator<Item = [f64; 2]>| {
+        let mut chain: Vec<[f64; 2]> = Vec::new();
+        for point in points {
+            while chain.len() >= 2 && turn(chain[chain.len() - 2], chain[chain.len() - 1], point) <= 0.0 {
+                chain.pop();
+            }
+            chain.push(point);
+        }
+        chain.pop();
+        chain
+    };
+    let mut hull = half(&mut sorted.iter().copied());
+    hull.extend(half(&mut sorted.iter().rev().copied()));
+    hull
+}
+
+/// Distance from a point within the hull to its edge along a direction, m; `None` outside.
+fn reach(hull: &[[f64; 2]], from: [f64; 2], direction: [f64; 2]) -> Option<f64> {
+    if hull.len() < 3 {
+        return None;
+    }
+    let mut nearest = f64::INFINITY;
+    for k in 0..hull.len() {
+        let (a, b) = (hull[k], hull[(k + 1) % hull.len()]);
+        let edge = [b[0] - a[0], b[1] - a[1]];
+        let inward = edge[0] * (from[1] - a[1]) - edge[1] * (from[0] - a[0]);
+        if inward < 0.0 {
+            return None;
+        }
+        let approach = edge[1] * direction[0] - edge[0] * direction[1];
+        if approach > 0.0 {
+            nearest = nearest.min(inward / approach);
+        }
+    }
+    nearest.is_finite().then_some(nearest)
+}

@@ -1,0 +1,394 @@
+//! What people see of a run: pictures, plots and the self-contained `report.html`.
+//!
+//! The drawing is done by the plain ES modules of `web/`, run here by an embedded JavaScript engine
+//! and in the report's page by the browser: one text draws the robot everywhere.
+
+use serde_json::{Map, Value, json};
+
+use crate::record::Recording;
+use crate::run::{Outcome, Summary};
+
+/// The pure modules, in the order of their dependence.
+const MODULES: [&str; 5] = [
+    include_str!("../web/draw.js"),
+    include_str!("../web/run.js"),
+    include_str!("../web/arena.js"),
+    include_str!("../web/plot.js"),
+    include_str!("../web/report-body.js"),
+];
+const PLAYER: &str = include_str!("../web/report.js");
+const STYLE: &str = include_str!("../web/report.css");
+const TEMPLATE: &str = include_str!("../web/report.html");
+
+/// Most samples that a report's player keeps.
+const SAMPLES_MAX: usize = 8000;
+
+/// Why nothing could be drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A script failed: a defect of this program.
+    #[error("drawing failed: {0}")]
+    Script(String),
+    /// An SVG could not be turned into pixels.
+    #[error("the picture could not be rendered: {0}")]
+    Picture(String),
+}
+
+/// The drawing modules, loaded.
+pub struct Press {
+    _runtime: rquickjs::Runtime,
+    context: rquickjs::Context,
+}
+
+/// Module text as script: without imports, and with exports as plain declarations.
+fn script(module: &str) -> String {
+    module
+        .lines()
+        .filter(|line| !line.starts_with("import "))
+        .map(|line| line.strip_prefix("export ").unwrap_or(line))
+        .fold(String::with_capacity(module.len()), |mut text, line| {
+            text.push_str(line);
+            text.push('\n');
+            text
+        })
+}
+
+impl Press {
+    /// Starts the engine and loads the modules.
+    pub fn new() -> Result<Self, ReportError> {
+        let fail = |error: rquickjs::Error| ReportError::Script(error.to_string());
+        let runtime = rquickjs::Runtime::new().map_err(fail)?;
+        // A drawing of a large run needs some tens of megabytes; nothing should need more than this.
+        runtime.set_memory_limit(1 << 30);
+        runtime.set_max_stack_size(8 << 20);
+        let context = rquickjs::Context::full(&runtime).map_err(fail)?;
+        let text: String = MODULES.iter().map(|module| script(module)).collect();
+        context.with(|ctx| {
+            ctx.eval::<(), _>(text)
+                .map_err(|error| caught(&ctx, error))
+        })?;
+        Ok(Press {
+            _runtime: runtime,
+            context,
+        })
+    }
+
+    /// Calls a drawing function with JSON arguments.
+    fn call(&self, function: &str, arguments: &[&Value]) -> Result<String, ReportError> {
+        self.context.with(|ctx| {
+            let result = (|| {
+                let call: rquickjs::Function<'_> = ctx.globals().get(function)?;
+                let mut values = rquickjs::function::Args::new(ctx.clone(), arguments.len());
+                for argument in arguments {
+                    values.push_arg(ctx.json_parse(argument.to_string())?)?;
+                }
+                call.call_arg::<String>(values)
+            })();
+            result.map_err(|error| caught(&ctx, error))
+        })
+    }
+
+    /// The arena with trails, as a complete SVG document.
+    pub fn arena(&self, data: &Value) -> Result<String, ReportError> {
+        self.call("renderArena", &[data, &json!({})])
+    }
+
+    /// Stacked plots, as a complete SVG document; `specs` as in the data's `plots`.
+    pub fn plots(&self, data: &Value, specs: &Value, options: &Value) -> Result<String, ReportError> {
+        self.call("renderPlot", &[data, specs, options])
+    }
+
+    /// The self-contained page.
+    pub fn page(&self, data: &Value) -> Result<String, ReportError> {
+        let title = self.call("reportTitle", &[data])?;
+        let body = self.call("reportBody", &[data])?;
+        let style = self.call("reportStyle", &[])? + STYLE;
+        let packed = self.call("reportData", &[data, &json!(SAMPLES_MAX)])?;
+        let packed = packed.replace('<', "\\u003c");
+        let mut code: String = MODULES.iter().map(|module| script(module)).collect();
+        code.push_str(&script(PLAYER));
+        Ok(fill(
+            TEMPLATE,
+            &[
+                ("<!--TITLE-->", &title),
+                ("<!--BODY-->", &body),
+                ("/*CSS*/", &style),
+                ("/*DATA*/", &packed),
+                ("/*SCRIPT*/", &code),
+            ],
+        ))
+    }
+}
+
+/// The message of a JavaScript exception.
+fn caught(ctx: &rquickjs::Ctx<'_>, error: rquickjs::Error) -> ReportError {
+    let message = match error {
+        rquickjs::Error::Exception => ctx
+            .catch()
+            .as_exception()
+            .map_or_else(|| "unknown exception".to_owned(), |e| format!("{e}")),
+        other => other.to_string(),
+    };
+    ReportError::Script(message)
+}
+
+/// Replaces each placeholder once, in one pass: what is put in is not searched again.
+fn fill(template: &str, values: &[(&str, &String)]) -> String {
+    let mut page = String::new();
+    let mut rest = template;
+    while let Some((at, (mark, value))) = values
+        .iter()
+        .filter_map(|pair| rest.find(pair.0).map(|at| (at, pair)))
+        .min_by_key(|(at, _)| *at)
+    {
+        page.push_str(&rest[..at]);
+        page.push_str(value);
+        rest = &rest[at + mark.len()..];
+    }
+    page.push_str(rest);
+    page
+}
+
+/// An SVG document as PNG, `scale` pixels per unit, with an embedded font: the same everywhere.
+pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>, ReportError> {
+    use resvg::{tiny_skia, usvg};
+    let fail = |error: String| ReportError::Picture(error);
+    let mut options = usvg::Options::default();
+    let fonts = options.fontdb_mut();
+    fonts.load_font_data(dejavu::sans::regular().to_vec());
+    fonts.load_font_data(dejavu::sans::bold().to_vec());
+    fonts.set_sans_serif_family("DejaVu Sans");
+    options.font_family = "DejaVu Sans".into();
+    let tree = usvg::Tree::from_str(svg, &options).map_err(|error| fail(error.to_string()))?;
+    let size = tree.size();
+    let (width, height) = ((size.width() * scale).ceil(), (size.height() * scale).ceil());
+    let mut pixmap = tiny_skia::Pixmap::new(width as u32, height as u32)
+        .ok_or_else(|| fail(format!("its size of {width} x {height} is out of range")))?;
+    resvg::render(&tree, tiny_skia::Transform::from_scale(scale, scale), &mut pixmap.as_mut());
+    pixmap.encode_png().map_err(|error| fail(error.to_string()))
+}
+
+/// The data that all drawing functions take, from a recording and its summary.
+pub fn data(recording: &Recording, summary: &Summary) -> Value {
+    let header = &recording.header;
+    let extra = &header.extra;
+    let robots = extra["robots"].as_array().cloned().unwrap_or_default();
+    let mut derived = Map::new();
+    let plots: Vec<Value> = robots
+        .iter()
+        .flat_map(|robot| robot_plots(recording, robot, extra, robots.len() > 1, &mut derived))
+        .collect();
+    let mut signals = Map::new();
+    for (signal, column) in header.signals.iter().zip(&recording.columns) {
+        if is_drawn(&signal.path, &plots) {
+            signals.insert(signal.path.clone(), json!({"unit": signal.unit, "values": rounded(column)}));
+        }
+    }
+    signals.extend(derived);
+    let events: Vec<Value> = recording
+        .events
+        .iter()
+        .enumerate()
+        .map(|(k, event)| {
+            let (text, detail) = match event.text.split_once(", ") {
+                Some((text, detail)) => (text, json!(detail)),
+                None => (event.text.as_str(), Value::Null),
+            };
+            json!({"n": k + 1, "t": event.t, "robot": event.robot, "text": text, "position": event.position, "detail": detail})
+        })
+        .collect();
+    let metrics: Vec<Value> = summary
+        .robots
+        .iter()
+        .flat_map(|robot| {
+            let prefix = if summary.robots.len() > 1 { format!("{}: ", robot.name) } else { String::new() };
+            robot.metrics.iter().map(move |m| {
+                json!({"name": format!("{prefix}{}", m.name), "value": m.value, "unit": m.unit, "note": m.note})
+            })
+        })
+        .collect();
+    let title = extra["title"].as_str().filter(|title| !title.is_empty());
+    json!({
+        "version": header.version,
+        "scenario": {
+            "name": header.scenario,
+            "title": title.unwrap_or(&header.scenario),
+            "text": header.scenario_text,
+            "file": header.scenario,
+            "hash": header.hash,
+            "seed": header.seed,
+            "step": header.step,
+            "integrator": extra["integrator"],
+            "recorded_period": header.period,
+        },
+        "verdict": {
+            "status": match summary.verdict {
+                Outcome::Passed => "passed",
+                Outcome::Failed => "failed",
+                Outcome::Stopped => "stopped",
+            },
+            "sentence": sentence(summary),
+        },
+        "arena": extra["arena"],
+        "robots": robots,
+        "time": recording.times,
+        "signals": signals,
+        "events": events,
+        "metrics": metrics,
+        "plots": plots,
+        "comparison": Value::Null,
+    })
+}
+
+/// The reason as a sentence: capital first, full stop last.
+fn sentence(summary: &Summary) -> String {
+    let mut letters = summary.reason.chars();
+    let first: String = letters.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
+    let text = first + letters.as_str();
+    if text.ends_with('.') { text } else { text + "." }
+}
+
+/// Seven significant digits: more than any picture shows.
+fn rounded(column: &[f64]) -> Vec<f64> {
+    let largest = column.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    if largest == 0.0 || !largest.is_finite() {
+        return column.to_vec();
+    }
+    let mut unit = 1.0;
+    while unit * largest < 1e6 {
+        unit *= 10.0;
+    }
+    while unit * largest > 1e7 {
+        unit /= 10.0;
+    }
+    column.iter().map(|value| (value * unit).round() / unit).collect()
+}
+
+/// Whether a report draws the signal: as motion, as force, or in a plot.
+fn is_drawn(path: &str, plots: &[Value]) -> bool {
+    const MOTION: [&str; 5] = [".pose.x", ".pose.y", ".pose.yaw", ".twist.forward", ".twist.left"];
+    const WHEEL: [&str; 5] = [".spin_angle", ".steering_angle", ".force.longitudinal", ".force.lateral", ".load"];
+    let sensed = path.contains(".sensor.");
+    let body = MOTION.iter().any(|end| path.ends_with(end)) && !sensed;
+    let wheel = path.contains(".wheel.") && WHEEL.iter().any(|end| path.ends_with(end));
+    let plotted = || {
+        plots.iter().any(|plot| {
+            plot["lines"].as_array().is_some_and(|lines| lines.iter().any(|line| line["signal"] == path))
+        })
+    };
+    body || wheel || plotted()
+}
+
+/// The plots that matter for a robot and its task.
+fn robot_plots(
+    recording: &Recording,
+    robot: &Value,
+    extra: &Value,
+    several: bool,
+    derived: &mut Map<String, Value>,
+) -> Vec<Value> {
+    let name = robot["name"].as_str().unwrap_or_default();
+    let base = format!("robot.{name}");
+    let has = |path: &str| recording.column(&format!("{base}.{path}")).is_some();
+    let mut plots = Vec::new();
+    let mut plot = |title: &str, unit: &str, lines: Vec<Value>, more: Value| {
+        if lines.is_empty() {
+            return;
+        }
+        let title = if several { format!("{name}: {title}") } else { title.to_owned() };
+        let mut spec = json!({"title": title, "unit": unit, "lines": lines, "limits": []});
+        if let (Value::Object(spec), Value::Object(more)) = (&mut spec, more) {
+            spec.extend(more);
+        }
+        plots.push(spec);
+    };
+    let line = |path: &str, label: &str, role: &str| json!({"signal": format!("{base}.{path}"), "label": label, "role": role});
+    let wheels: Vec<&str> = robot["wheels"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter(|wheel| wheel["driven"] == true)
+        .filter_map(|wheel| wheel["name"].as_str())
+        .collect();
+    let each_wheel = |field: &str| -> Vec<Value> {
+        wheels
+            .iter()
+            .filter(|wheel| has(&format!("wheel.{wheel}.{field}")))
+            .map(|wheel| {
+                let role = match *wheel {
+                    "left" => "left",
+                    "right" => "right",
+                    _ => "other",
+                };
+                line(&format!("wheel.{wheel}.{field}"), wheel, role)
+            })
+            .collect()
+    };
+    if !robot["goal"].is_null() {
+        plot(
+            "clearance to the nearest beacon",
+            "m",
+            vec![line("clearance", "", "main")],
+            json!({"limits": [{"value": 0.0, "label": "touch"}], "mark_min": true}),
+        );
+    }
+    let mut speed = vec![line("twist.forward", "robot", "main")];
+    if has("command.forward") {
+        speed.push(line("command.forward", "command", "command"));
+    }
+    plot("speed", "m/s", speed, json!({}));
+    let mut turning = vec![line("twist.yaw_rate", "robot", "main")];
+    if has("command.yaw_rate") {
+        turning.push(line("command.yaw_rate", "command", "command"));
+    }
+    plot("yaw rate", "rad/s", turning, json!({}));
+    plot("motor voltage", "V", each_wheel("voltage"), json!({}));
+    if has("path.offset") {
+        plot(
+            "offset from the planned path",
+            "mm",
+            vec![line("path.offset", "", "main")],
+            json!({"scale": 1000.0}),
+        );
+    }
+    plot("wheel torque", "N·m", each_wheel("torque"), json!({}));
+    if wheels.iter().all(|wheel| !has(&format!("wheel.{wheel}.torque"))) {
+        plot("wheel rate command", "rad/s", each_wheel("rate_command"), json!({}));
+    }
+    if let Some(friction) = extra["arena"]["friction"].as_f64() {
+        let mut lines = Vec::new();
+        for wheel in &wheels {
+            let column = |field: &str| recording.column(&format!("{base}.wheel.{wheel}.{field}"));
+            let (Some(along), Some(across), Some(load)) =
+                (column("force.longitudinal"), column("force.lateral"), column("load"))
+            else {
+                continue;
+            };
+            let used: Vec<f64> = along
+                .iter()
+                .zip(across)
+                .zip(load)
+                .map(|((along, across), load)| {
+                    let demand = appell_model::math::hypot(*along, *across);
+                    let limit = (friction * load).max(1e-9);
+                    (1e4 * demand / limit).round().min(1e7) / 100.0
+                })
+                .collect();
+            let path = format!("wheel.{wheel}.friction_used");
+            derived.insert(format!("{base}.{path}"), json!({"unit": "%", "values": used}));
+            let role = match *wheel {
+                "left" => "left",
+                "right" => "right",
+                _ => "other",
+            };
+            lines.push(line(&path, wheel, role));
+        }
+        plot(
+            "friction used by the contact force",
+            "% of μN",
+            lines,
+            json!({"limits": [{"value": 100.0, "label": "slip would begin"}], "mark_max": true}),
+        );
+    }
+    plots
+}
