@@ -21,8 +21,15 @@ pub fn check(options: &CheckOptions) -> u8 {
     if is_robot(&options.file) {
         return match scenario::load_robot(&options.file) {
             Ok(platform) => {
-                let report = text(&platform.name, &platform.description, &design(&platform, 9.81));
-                terminal::print(&format!("{}: a valid robot file\n\n{report}", options.file.display()));
+                let report = text(
+                    &platform.name,
+                    &platform.description,
+                    &design(&platform, 9.81),
+                );
+                terminal::print(&format!(
+                    "{}: a valid robot file\n\n{report}",
+                    options.file.display()
+                ));
                 exit::PASSED
             }
             Err(diagnostics) => {
@@ -31,7 +38,8 @@ pub fn check(options: &CheckOptions) -> u8 {
             }
         };
     }
-    let built = scenario::load(&options.file, &overrides).and_then(|loaded| Ok((Run::new(&loaded, 0)?, loaded)));
+    let built = scenario::load(&options.file, &overrides)
+        .and_then(|loaded| Ok((Run::new(&loaded, 0)?, loaded)));
     match built {
         Ok((run, loaded)) => {
             let mut out = format!(
@@ -45,7 +53,11 @@ pub fn check(options: &CheckOptions) -> u8 {
             for robot in &loaded.scenario.robot {
                 if let Some(platform) = &robot.platform {
                     out.push('\n');
-                    out.push_str(&text(&robot.name, &platform.description, &design(platform, gravity)));
+                    out.push_str(&text(
+                        &robot.name,
+                        &platform.description,
+                        &design(platform, gravity),
+                    ));
                 }
             }
             terminal::print(&out);
@@ -63,14 +75,20 @@ fn is_robot(file: &Path) -> bool {
     let Ok(text) = std::fs::read_to_string(file) else {
         return false;
     };
-    let has = |table: &str| text.lines().any(|line| line.trim_start().starts_with(table));
+    let has = |table: &str| {
+        text.lines()
+            .any(|line| line.trim_start().starts_with(table))
+    };
     has("[[wheel]]") && !has("[[robot]]") && !has("[arena")
 }
 
 fn text(name: &str, description: &str, design: &Design) -> String {
     let mut out = format!("{name}: {description}\n");
     for finding in &design.findings {
-        let row = format!("  {:34} {:24} {}", finding.name, finding.value, finding.note);
+        let row = format!(
+            "  {:34} {:24} {}",
+            finding.name, finding.value, finding.note
+        );
         out.push_str(row.trim_end());
         out.push('\n');
     }

@@ -31,11 +31,14 @@ pub fn compare(options: &CompareOptions) -> u8 {
     }
     let mut entries = Vec::new();
     for (label, changes) in variants {
-        let built = changes.overrides().map_err(|problem| terminal::error(&problem)).and_then(|overrides| {
-            scenario::load(&options.scenario, &overrides)
-                .and_then(|loaded| Run::new(&loaded, 0))
-                .map_err(|diagnostics| terminal::error(&diagnostics.to_string()))
-        });
+        let built = changes
+            .overrides()
+            .map_err(|problem| terminal::error(&problem))
+            .and_then(|overrides| {
+                scenario::load(&options.scenario, &overrides)
+                    .and_then(|loaded| Run::new(&loaded, 0))
+                    .map_err(|diagnostics| terminal::error(&diagnostics.to_string()))
+            });
         let Ok(mut run) = built else {
             return exit::BAD_INPUT;
         };
@@ -56,7 +59,10 @@ pub fn compare(options: &CompareOptions) -> u8 {
         terminal::error("--levels: must name at least one level");
         return exit::BAD_INPUT;
     };
-    let folder = folder_or(options.out.as_ref(), &format!("{}-compare", last.summary.scenario));
+    let folder = folder_or(
+        options.out.as_ref(),
+        &format!("{}-compare", last.summary.scenario),
+    );
     terminal::print(&table(&entries));
     let mut data = report::data(&last.recording, &last.summary);
     data["comparison"] = block(&entries);
@@ -64,7 +70,11 @@ pub fn compare(options: &CompareOptions) -> u8 {
         let page = press.page(&data)?;
         let svg = press.plots(&apart(&entries), &json!([apart_plot(&entries)]), &json!({}))?;
         let png = report::png(&svg, 2.0)?;
-        Ok([("report.html", page.into_bytes()), ("divergence.svg", svg.into_bytes()), ("divergence.png", png)])
+        Ok([
+            ("report.html", page.into_bytes()),
+            ("divergence.svg", svg.into_bytes()),
+            ("divergence.png", png),
+        ])
     });
     let files = match drawn {
         Ok(files) => files,
@@ -74,7 +84,9 @@ pub fn compare(options: &CompareOptions) -> u8 {
         }
     };
     let written = std::fs::create_dir_all(&folder).and_then(|()| {
-        files.iter().try_for_each(|(name, bytes)| std::fs::write(folder.join(name), bytes))
+        files
+            .iter()
+            .try_for_each(|(name, bytes)| std::fs::write(folder.join(name), bytes))
     });
     if let Err(error) = written {
         terminal::error(&format!("{}: cannot be written: {error}", folder.display()));
@@ -92,11 +104,16 @@ fn signal(k: usize) -> String {
 fn apart(entries: &[Entry]) -> serde_json::Value {
     let mut signals = serde_json::Map::new();
     let mut time = Vec::new();
-    let all: Vec<_> = (1..entries.len()).map(|k| divergence(&entries[k], &entries[0])).collect();
+    let all: Vec<_> = (1..entries.len())
+        .map(|k| divergence(&entries[k], &entries[0]))
+        .collect();
     let count = all.iter().map(|d| d.times.len()).min().unwrap_or(0);
     for (k, distance) in all.iter().enumerate() {
         time = distance.times[..count].to_vec();
-        signals.insert(signal(k + 1), json!({"unit": "m", "values": distance.distances[..count]}));
+        signals.insert(
+            signal(k + 1),
+            json!({"unit": "m", "values": distance.distances[..count]}),
+        );
     }
     json!({"time": time, "signals": signals, "events": [], "robots": [], "arena": {"size": [1, 1], "beacons": []}})
 }
@@ -114,7 +131,13 @@ fn apart_plot(entries: &[Entry]) -> serde_json::Value {
 fn table(entries: &[Entry]) -> String {
     let mut text = format!(
         "{:22} {:8} {:>8} {:>8} {:>12} {:>20} {:>14}\n",
-        "level, drive", "verdict", "time, s", "path, m", "clearance, m", "apart, mm", "beyond 10 mm"
+        "level, drive",
+        "verdict",
+        "time, s",
+        "path, m",
+        "clearance, m",
+        "apart, mm",
+        "beyond 10 mm"
     );
     for (k, entry) in entries.iter().enumerate() {
         let robot = &entry.summary.robots[0];
@@ -127,7 +150,9 @@ fn table(entries: &[Entry]) -> String {
         } else {
             let divergence = divergence(entry, &entries[0]);
             let (largest, at) = divergence.largest();
-            let beyond = divergence.first_beyond(0.01).map_or("never".into(), |t| format!("from {t:.2} s"));
+            let beyond = divergence
+                .first_beyond(0.01)
+                .map_or("never".into(), |t| format!("from {t:.2} s"));
             (format!("{:.1} at {at:.2} s", 1e3 * largest), beyond)
         };
         text.push_str(&format!(

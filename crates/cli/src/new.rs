@@ -11,7 +11,12 @@ pub fn new(options: &NewOptions) -> u8 {
     let folder = &options.folder;
     let name: String = folder
         .file_name()
-        .map(|name| name.to_string_lossy().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect())
+        .map(|name| {
+            name.to_string_lossy()
+                .chars()
+                .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+                .collect()
+        })
         .unwrap_or_else(|| "scenario".into());
     if folder.exists() {
         terminal::error(&format!(
@@ -31,7 +36,10 @@ pub fn new(options: &NewOptions) -> u8 {
         .and_then(|()| std::fs::write(folder.join("scenario.toml"), scenario));
     match written {
         Ok(()) => {
-            terminal::print(&format!("written: {0}/scenario.toml, {0}/robot.toml\nnext: appell run {0}/scenario.toml", folder.display()));
+            terminal::print(&format!(
+                "written: {0}/scenario.toml, {0}/robot.toml\nnext: appell run {0}/scenario.toml",
+                folder.display()
+            ));
             exit::PASSED
         }
         Err(error) => {

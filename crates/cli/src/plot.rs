@@ -12,7 +12,9 @@ pub fn plot(options: &PlotOptions) -> u8 {
     let recording = match Recording::read(&options.recording) {
         Ok(recording) => recording,
         Err(error) => {
-            let hint = error.hint().map_or(String::new(), |hint| format!("\n  hint: {hint}"));
+            let hint = error
+                .hint()
+                .map_or(String::new(), |hint| format!("\n  hint: {hint}"));
             terminal::error(&format!("{error}{hint}"));
             return exit::BAD_INPUT;
         }
@@ -44,7 +46,9 @@ pub fn plot(options: &PlotOptions) -> u8 {
         }
         for signal in found {
             match groups.iter_mut().find(|(unit, _)| *unit == signal.unit) {
-                Some((_, paths)) if !paths.contains(&signal.path) => paths.push(signal.path.clone()),
+                Some((_, paths)) if !paths.contains(&signal.path) => {
+                    paths.push(signal.path.clone())
+                }
                 Some(_) => {}
                 None => groups.push((signal.unit.clone(), vec![signal.path.clone()])),
             }
@@ -58,20 +62,47 @@ pub fn plot(options: &PlotOptions) -> u8 {
             signals.insert(path.clone(), json!({"unit": unit, "values": column}));
         }
         for some in paths.chunks(6) {
-            let lines: Vec<Value> = some.iter().map(|path| json!({"signal": path, "label": short(path), "role": role(path)})).collect();
-            let title = if some.len() == 1 { short(&some[0]) } else { common(some) };
+            let lines: Vec<Value> = some
+                .iter()
+                .map(|path| json!({"signal": path, "label": short(path), "role": role(path)}))
+                .collect();
+            let title = if some.len() == 1 {
+                short(&some[0])
+            } else {
+                common(some)
+            };
             specs.push(json!({"title": title, "unit": unit, "lines": lines, "limits": []}));
         }
     }
     let data = json!({"time": recording.times, "signals": signals, "events": [], "robots": [], "arena": {"size": [1, 1], "beacons": []}});
     let mut limits = Map::new();
-    limits.insert("t0".into(), json!(options.from.or(recording.times.first().copied()).unwrap_or(0.0)));
-    limits.insert("t1".into(), json!(options.to.or(recording.times.last().copied()).unwrap_or(1.0)));
+    limits.insert(
+        "t0".into(),
+        json!(
+            options
+                .from
+                .or(recording.times.first().copied())
+                .unwrap_or(0.0)
+        ),
+    );
+    limits.insert(
+        "t1".into(),
+        json!(
+            options
+                .to
+                .or(recording.times.last().copied())
+                .unwrap_or(1.0)
+        ),
+    );
     let drawn = Press::new()
         .and_then(|press| press.plots(&data, &Value::Array(specs), &Value::Object(limits)))
         .and_then(|svg| {
             let png = options.out.extension().is_some_and(|e| e == "png");
-            if png { report::png(&svg, 2.0) } else { Ok(svg.into_bytes()) }
+            if png {
+                report::png(&svg, 2.0)
+            } else {
+                Ok(svg.into_bytes())
+            }
         });
     match drawn {
         Ok(bytes) => match std::fs::write(&options.out, bytes) {
@@ -80,7 +111,10 @@ pub fn plot(options: &PlotOptions) -> u8 {
                 exit::PASSED
             }
             Err(error) => {
-                terminal::error(&format!("{}: cannot be written: {error}", options.out.display()));
+                terminal::error(&format!(
+                    "{}: cannot be written: {error}",
+                    options.out.display()
+                ));
                 exit::OUTPUT
             }
         },
@@ -98,9 +132,18 @@ fn short(path: &str) -> String {
 
 /// What the paths of a panel share: their last word.
 fn common(paths: &[String]) -> String {
-    let last = |path: &String| path.rsplit('.').next().unwrap_or_default().replace('_', " ");
+    let last = |path: &String| {
+        path.rsplit('.')
+            .next()
+            .unwrap_or_default()
+            .replace('_', " ")
+    };
     let first = last(&paths[0]);
-    if paths.iter().all(|path| last(path) == first) { first } else { "signals".into() }
+    if paths.iter().all(|path| last(path) == first) {
+        first
+    } else {
+        "signals".into()
+    }
 }
 
 fn role(path: &str) -> &'static str {

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use appell_sim::record::{Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording};
+use appell_sim::record::{
+    Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording,
+};
 use appell_sim::report::{self, Press};
 use appell_sim::run::{Outcome, Run, Summary};
 use appell_sim::scenario::{self, Format, Loaded};
@@ -112,7 +114,9 @@ impl Failure {
 
 impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Self {
-        let hint = error.hint().map_or(String::new(), |hint| format!("\n  hint: {hint}"));
+        let hint = error
+            .hint()
+            .map_or(String::new(), |hint| format!("\n  hint: {hint}"));
         Failure {
             code: exit::OUTPUT,
             text: format!("{error}{hint}"),
@@ -132,7 +136,12 @@ fn execute(
         std::fs::write(&path, bytes).map_err(|error| Failure::output(&path, error))
     };
     // What an earlier run left is not to be taken for this one's.
-    for old in ["summary.json", "report.html", "trajectory.svg", "trajectory.png"] {
+    for old in [
+        "summary.json",
+        "report.html",
+        "trajectory.svg",
+        "trajectory.png",
+    ] {
         let path = folder.join(old);
         if path.exists() {
             std::fs::remove_file(&path).map_err(|error| Failure::output(&path, error))?;
@@ -147,12 +156,15 @@ fn execute(
             files.push(Box::new(Csv::create(&folder.join("recording.csv"))?));
         }
         if options.parquet || formats.contains(&Format::Parquet) {
-            files.push(Box::new(Parquet::create(&folder.join("recording.parquet"))?));
+            files.push(Box::new(Parquet::create(
+                &folder.join("recording.parquet"),
+            )?));
         }
     }
     let memory = (!options.no_report).then(|| Memory::bounded(REPORT_ROWS));
     let mut recorder = Fan { files, memory };
-    let mut progress = terminal::Progress::new(&loaded.scenario.name, loaded.scenario.time.duration);
+    let mut progress =
+        terminal::Progress::new(&loaded.scenario.name, loaded.scenario.time.duration);
     let result = run.execute(&mut recorder, &mut |t| progress.at(t));
     progress.done();
     let summary = result.map_err(|error| match error {
@@ -173,7 +185,10 @@ fn execute(
 }
 
 /// Report and pictures of a run, by file name.
-fn pages(recording: &Recording, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
+fn pages(
+    recording: &Recording,
+    summary: &Summary,
+) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
     let data = report::data(recording, summary);
     let draw = || -> Result<_, report::ReportError> {
         let press = Press::new()?;

@@ -82,7 +82,10 @@ pub fn number(value: f64) -> String {
     if value == value.round() && size < 1e5 {
         return format!("{value}");
     }
-    let whole = [1.0, 10.0, 100.0, 1000.0].iter().filter(|&&limit| size >= limit).count();
+    let whole = [1.0, 10.0, 100.0, 1000.0]
+        .iter()
+        .filter(|&&limit| size >= limit)
+        .count();
     format!("{value:.*}", 4_usize.saturating_sub(whole.max(1)).max(1))
 }
 
@@ -94,7 +97,10 @@ pub fn summary(summary: &Summary) -> String {
             "{} · {} · level {} · drive {} · {}",
             robot.name,
             robot.task,
-            serde_json::to_value(robot.level).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
+            serde_json::to_value(robot.level)
+                .ok()
+                .and_then(|v| v.as_str().map(str::to_owned))
+                .unwrap_or_default(),
             robot.drive,
             robot.integrator
         );
@@ -103,8 +109,18 @@ pub fn summary(summary: &Summary) -> String {
         if summary.robots.len() > 1 {
             text.push_str(&format!("  {}  {}\n", verdict(robot.verdict), robot.reason));
         }
-        for Metric { name, value, unit, note } in &robot.metrics {
-            let row = format!("  {name:26} {:>10} {unit:5} {}", number(*value), styled(note, "2"));
+        for Metric {
+            name,
+            value,
+            unit,
+            note,
+        } in &robot.metrics
+        {
+            let row = format!(
+                "  {name:26} {:>10} {unit:5} {}",
+                number(*value),
+                styled(note, "2")
+            );
             text.push_str(row.trim_end());
             text.push('\n');
         }
@@ -137,10 +153,14 @@ impl Progress {
             if self.start.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
                 return;
             }
-            let style = indicatif::ProgressStyle::with_template("{msg} [{bar:30}] {percent}%  {prefix}, {eta} left")
-                .expect("the template is valid")
-                .progress_chars("=> ");
-            let bar = indicatif::ProgressBar::new(1000).with_style(style).with_elapsed(self.start.elapsed());
+            let style = indicatif::ProgressStyle::with_template(
+                "{msg} [{bar:30}] {percent}%  {prefix}, {eta} left",
+            )
+            .expect("the template is valid")
+            .progress_chars("=> ");
+            let bar = indicatif::ProgressBar::new(1000)
+                .with_style(style)
+                .with_elapsed(self.start.elapsed());
             bar.set_message(self.name.clone());
             self.bar = Some(bar);
         }

@@ -266,21 +266,43 @@ impl<T: Scalar> Rolling<T> {
         }
     }
 
-    /// The accelerations v̇ under the constraints of steered and of sticking wheels.
+    /// Inverse of the reduced mass matrix.
     #[inline(always)]
-    fn acceleration(
+    fn inverse_mass(&self, reduced: &Reduced<T>) -> Square<T> {
+        match &self.constant {
+            Some((_, inverse)) => *inverse,
+            None => invert(self.platform.layout().dof(), &reduced.mass),
+        }
+    }
+
+    /// The accelerations v̇. Where no wheel is steered and none sticks nothing narrows them.
+    #[inline(always)]
+    fn acceleration(&self, x: &[T], reduced: &Reduced<T>, forces: &Forces<T>) -> Row<T> {
+        let layout = self.platform.layout();
+        let mut sticking = !layout.steered.is_empty();
+        for i in 0..layout.wheels {
+            sticking |= self.rubs[i] && forces.stuck[i].any();
+        }
+        if sticking {
+            return self.held_acceleration(x, reduced, forces);
+        }
+        match &self.constant {
+            Some((_, inverse)) => product(layout.dof(), inverse, &forces.total),
+            None => product(layout.dof(), &self.inverse_mass(reduced), &forces.total),
+        }
+    }
+
+    /// The accelerations under the conditions of steered wheels only, with the mobility they leave.
+    #[inline(never)]
+    fn steered_acceleration(
         &self,
         x: &[T],
         reduced: &Reduced<T>,
         forces: &Forces<T>,
-        hold: bool,
     ) -> (Row<T>, Mobility<T>) {
         let layout = self.platform.layout();
         let n = layout.dof();
-        let inverse = match &self.constant {
-            Some((_, inverse)) => *inverse,
-            None => invert(n, &reduced.mass),
-        };
+        let inverse = self.inverse_mass(reduced);
         let mut v_rate = product(n, &inverse, &forces.total);
         let mut mobility = Mobility::new(n, &inverse);
         for (k, &i) in layout.steered.iter().enumerate() {
@@ -295,29 +317,78 @@ impl<T: Scalar> Rolling<T> {
             };
             mobility.impose(&condition, &mut v_rate);
         }
-        if hold {
-            let mut moving = T::Mask::splat(false);
-            for i in 0..layout.wheels {
-                if !self.rubs[i] || !forces.stuck[i].any() {
-                    continue;
-                }
-                let condition = Condition {
-                    row: reduced.spin[i],
-                    value: -forces.convective[i],
-                    active: forces.stuck[i],
-                };
-                moving = moving.or(is_zero(forces.convective[i]).not());
-                mobility.impose(&condition, &mut v_rate);
+        (v_rate, mobility)
+    }
+
+    /// The accelerations under the conditions of steered and of sticking wheels. `[eq:stick]`
+    #[inline(never)]
+    fn held_acceleration(&self, x: &[T], reduced: &Reduced<T>, forces: &Forces<T>) -> Row<T> {
+        let layout = self.platform.layout();
+        let (mut v_rate, mut mobility) = self.steered_acceleration(x, reduced, forces);
+        let mut moving = T::Mask::splat(false);
+        for i in 0..layout.wheels {
+            if !self.rubs[i] || !forces.stuck[i].any() {
+                continue;
             }
-            // Held in every direction: at rest to the last bit, whatever the rounding.
-            let rest = mobility.is_locked().and(moving.not());
-            if layout.steered.is_empty() && rest.any() {
-                for rate in v_rate.iter_mut().take(n) {
-                    *rate = T::select(rest, T::zero(), *rate);
-                }
+            let condition = Condition {
+                row: reduced.spin[i],
+                value: -forces.convective[i],
+                active: forces.stuck[i],
+            };
+            moving = moving.or(is_zero(forces.convective[i]).not());
+            mobility.impose(&condition, &mut v_rate);
+        }
+        // Held in every direction: at rest to the last bit, whatever the rounding.
+        let rest = mobility.is_locked().and(moving.not());
+        if layout.steered.is_empty() && rest.any() {
+            for rate in v_rate.iter_mut().take(layout.dof()) {
+                *rate = T::select(rest, T::zero(), *rate);
             }
         }
-        (v_rate, mobility)
+        v_rate
+    }
+
+    /// Takes from the velocities what steered and sticking wheels forbid, at the least cost of
+    /// energy, which goes to the ledger as heat.
+    #[inline(never)]
+    fn project(&self, x: &mut [T], u: &[T], mode: &[T], reduced: &Reduced<T>) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let at = layout.velocity();
+        let inverse = self.inverse_mass(reduced);
+        let mut v = zero_row();
+        v[..n].copy_from_slice(&x[at..at + n]);
+        let energy = |v: &Row<T>| T::from(0.5) * dot(n, &product(n, &reduced.mass, v), v);
+        let before = energy(&v);
+        let mut mobility = Mobility::new(n, &inverse);
+        for &i in &layout.steered {
+            if self.platform.wheels()[i].is_plain() {
+                let frame = self.platform.wheel_frame(i, x);
+                let condition = Condition {
+                    row: self.platform.lateral_row(&frame),
+                    value: T::zero(),
+                    active: T::Mask::splat(true),
+                };
+                mobility.impose(&condition, &mut v);
+            }
+        }
+        for i in 0..layout.wheels {
+            if self.rubs[i] {
+                let bound = self.bound(i, u);
+                let condition = Condition {
+                    row: reduced.spin[i],
+                    value: T::zero(),
+                    active: is_zero(mode[i]).and(T::zero().less(bound)),
+                };
+                mobility.impose(&condition, &mut v);
+            }
+        }
+        let locked = mobility.is_locked();
+        for k in 0..n {
+            x[at + k] = T::select(locked, T::zero(), v[k]);
+            v[k] = x[at + k];
+        }
+        x[layout.ledger() + LEDGER - 1] += before - energy(&v);
     }
 
     /// Right-hand side of the lateral constraint of a steered wheel: n · V̇_c = γ̇ e · V_c.
@@ -338,6 +409,7 @@ impl<T: Scalar> Rolling<T> {
     }
 
     /// Torques that hold the sticking wheels at rest, N·m; zero for the others. `[eq:stick]`
+    #[inline(never)]
     fn holding_torques(
         &self,
         x: &[T],
@@ -349,7 +421,7 @@ impl<T: Scalar> Rolling<T> {
         const RIDGE: f64 = 1e-11;
         let layout = self.platform.layout();
         let (n, wheels) = (layout.dof(), layout.wheels);
-        let (free, mobility) = self.acceleration(x, reduced, forces, false);
+        let (free, mobility) = self.steered_acceleration(x, reduced, forces);
         let mut matrix = [[T::zero(); MAX_WHEELS]; MAX_WHEELS];
         let mut right = [T::zero(); MAX_WHEELS];
         for i in 0..wheels {
@@ -367,8 +439,34 @@ impl<T: Scalar> Rolling<T> {
         solve_semidefinite(wheels, matrix, right, T::zero())
     }
 
+    /// Lets go of the resting wheels that are pushed harder than their friction holds. `[eq:stick]`
+    #[inline(never)]
+    fn release(&self, x: &[T], u: &[T], mode: &mut [T], reduced: &Reduced<T>) {
+        let layout = self.platform.layout();
+        for _ in 0..layout.wheels {
+            let forces = self.forces(x, u, mode, reduced);
+            let held = self.holding_torques(x, reduced, &forces);
+            // The one that is asked for most beyond its bound lets go, and the rest is asked again.
+            let mut worst = T::zero();
+            for i in 0..layout.wheels {
+                let excess = held[i].abs() - forces.bound[i];
+                worst = worst.max(T::select(forces.stuck[i], excess, T::zero()));
+            }
+            let any = T::zero().less(worst);
+            if !any.any() {
+                return;
+            }
+            for i in 0..layout.wheels {
+                let excess = held[i].abs() - forces.bound[i];
+                let lets_go = forces.stuck[i].and(any).and(worst.less_equal(excess));
+                mode[i] = T::select(lets_go, -T::one().copysign(held[i]), mode[i]);
+            }
+        }
+    }
+
     /// Force of the ground on each wheel along its rolling direction (or roller axis) and along its
     /// axle, N, and the accelerations it rests on. `[eq:multipliers]`
+    #[inline(never)]
     fn contact_forces(
         &self,
         x: &[T],
@@ -380,7 +478,7 @@ impl<T: Scalar> Rolling<T> {
         let layout = self.platform.layout();
         let n = layout.dof();
         let v = &x[layout.velocity()..layout.velocity() + n];
-        let (v_rate, _) = self.acceleration(x, reduced, forces, true);
+        let v_rate = self.acceleration(x, reduced, forces);
         let held = self.holding_torques(x, reduced, forces);
         let (linear, angular) = self.platform.twist(&v_rate);
         let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
@@ -564,7 +662,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
             }
         };
         let forces = self.forces(x, u, mode, reduced);
-        let (v_rate, _) = self.acceleration(x, reduced, &forces, true);
+        let v_rate = self.acceleration(x, reduced, &forces);
         let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
         let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
         let travel = velocity.rotated(cos, sin);
@@ -703,6 +801,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         debug_assert_eq!(y.len(), BODY_OUTPUTS + WHEEL_OUTPUTS * layout.wheels);
     }
 
+    #[inline(always)]
     fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
         let layout = self.platform.layout();
         if !self.rubs[..layout.wheels].iter().any(|&rubs| rubs) {
@@ -731,30 +830,12 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
                 resting = resting.or(rests);
             }
         }
-        if !resting.any() {
-            return;
-        }
-        for _ in 0..layout.wheels {
-            let forces = self.forces(x, u, mode, reduced);
-            let held = self.holding_torques(x, reduced, &forces);
-            // The one that is asked for most beyond its bound lets go, and the rest is asked again.
-            let mut worst = T::zero();
-            for i in 0..layout.wheels {
-                let excess = held[i].abs() - forces.bound[i];
-                worst = worst.max(T::select(forces.stuck[i], excess, T::zero()));
-            }
-            let any = T::zero().less(worst);
-            if !any.any() {
-                return;
-            }
-            for i in 0..layout.wheels {
-                let excess = held[i].abs() - forces.bound[i];
-                let lets_go = forces.stuck[i].and(any).and(worst.less_equal(excess));
-                mode[i] = T::select(lets_go, -T::one().copysign(held[i]), mode[i]);
-            }
+        if resting.any() {
+            self.release(x, u, mode, reduced);
         }
     }
 
+    #[inline(always)]
     fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
         let layout = self.platform.layout();
         let n = layout.dof();
@@ -788,44 +869,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         if !steered && !held.any() {
             return;
         }
-        // What turned over rests now: the velocities lose the part that the sticking wheels forbid.
-        let inverse = match &self.constant {
-            Some((_, inverse)) => *inverse,
-            None => invert(n, &reduced.mass),
-        };
-        let mut v = zero_row();
-        v[..n].copy_from_slice(&x[at..at + n]);
-        let energy = |v: &Row<T>| T::from(0.5) * dot(n, &product(n, &reduced.mass, v), v);
-        let before = energy(&v);
-        let mut mobility = Mobility::new(n, &inverse);
-        for &i in &layout.steered {
-            if self.platform.wheels()[i].is_plain() {
-                let frame = self.platform.wheel_frame(i, x);
-                let condition = Condition {
-                    row: self.platform.lateral_row(&frame),
-                    value: T::zero(),
-                    active: T::Mask::splat(true),
-                };
-                mobility.impose(&condition, &mut v);
-            }
-        }
-        for i in 0..layout.wheels {
-            if self.rubs[i] {
-                let bound = self.bound(i, u);
-                let condition = Condition {
-                    row: reduced.spin[i],
-                    value: T::zero(),
-                    active: is_zero(mode[i]).and(T::zero().less(bound)),
-                };
-                mobility.impose(&condition, &mut v);
-            }
-        }
-        let locked = mobility.is_locked();
-        for k in 0..n {
-            x[at + k] = T::select(locked, T::zero(), v[k]);
-            v[k] = x[at + k];
-        }
-        x[layout.ledger() + LEDGER - 1] += before - energy(&v);
+        self.project(x, u, mode, reduced);
     }
 
     fn guards(&self, x: &[T], u: &[T], mode: &[T], g: &mut [T]) {

@@ -39,14 +39,19 @@ impl Divergence {
 
     /// First time at which the distance exceeds `limit`, m.
     pub fn first_beyond(&self, limit: f64) -> Option<f64> {
-        let at = self.distances.iter().position(|&distance| distance > limit)?;
+        let at = self
+            .distances
+            .iter()
+            .position(|&distance| distance > limit)?;
         Some(self.times[at])
     }
 }
 
 fn pose<'a>(entry: &'a Entry, robot: &str) -> [&'a [f64]; 3] {
     ["x", "y", "yaw"].map(|axis| {
-        let column = entry.recording.column(&format!("robot.{robot}.pose.{axis}"));
+        let column = entry
+            .recording
+            .column(&format!("robot.{robot}.pose.{axis}"));
         column.unwrap_or(&[])
     })
 }
@@ -58,10 +63,14 @@ pub fn divergence(entry: &Entry, reference: &Entry) -> Divergence {
     let times = &entry.recording.times;
     // All have the same period; the last row of a run may stand between two of them.
     let count = times.len().min(reference.recording.times.len());
-    let shared = (0..count).take_while(|&k| times[k] == reference.recording.times[k]).count();
+    let shared = (0..count)
+        .take_while(|&k| times[k] == reference.recording.times[k])
+        .count();
     Divergence {
         times: times[..shared].to_vec(),
-        distances: (0..shared).map(|k| hypot(x[k] - rx[k], y[k] - ry[k])).collect(),
+        distances: (0..shared)
+            .map(|k| hypot(x[k] - rx[k], y[k] - ry[k]))
+            .collect(),
     }
 }
 
@@ -70,7 +79,12 @@ const COLORS: [&str; 4] = ["#CC79A7", "#009E73", "#56B4E9", "#E69F00"];
 
 /// The comparison block of a report's data.
 pub fn block(entries: &[Entry]) -> Value {
-    let short = |column: &[f64]| column.iter().map(|v| (v * 1e5).round() / 1e5).collect::<Vec<_>>();
+    let short = |column: &[f64]| {
+        column
+            .iter()
+            .map(|v| (v * 1e5).round() / 1e5)
+            .collect::<Vec<_>>()
+    };
     let runs: Vec<Value> = entries
         .iter()
         .enumerate()

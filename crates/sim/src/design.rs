@@ -33,7 +33,8 @@ pub struct Design {
 /// # Panics
 /// If the file has not been checked.
 pub fn design(file: &File, gravity: f64) -> Design {
-    let platform = build::platform(file, DriveModel::AsBuilt, gravity).expect("a checked platform can be built");
+    let platform = build::platform(file, DriveModel::AsBuilt, gravity)
+        .expect("a checked platform can be built");
     let layout = platform.layout();
     let wheels = platform.wheels();
     let n = layout.dof();
@@ -51,7 +52,10 @@ pub fn design(file: &File, gravity: f64) -> Design {
         mobility.to_string(),
         &format!("type ({mobility}, 0); steerability δs = 0"),
     );
-    let lateral = wheels.iter().filter(|w| w.is_plain() && !w.swivels()).count();
+    let lateral = wheels
+        .iter()
+        .filter(|w| w.is_plain() && !w.swivels())
+        .count();
     add(
         "lateral constraints",
         format!("{lateral}, rank {}", layout.fixed_rank),
@@ -60,16 +64,26 @@ pub fn design(file: &File, gravity: f64) -> Design {
     let mass = platform.total_mass();
     add("mass", format!("{mass:.4} kg"), "with wheels");
     let center = center_of_mass(file, mass);
-    add("centre of mass", format!("({:.4}, {:.4}, {:.4}) m", center[0], center[1], center[2]), "whole robot; x forward, y left, z up");
+    add(
+        "centre of mass",
+        format!("({:.4}, {:.4}, {:.4}) m", center[0], center[1], center[2]),
+        "whole robot; x forward, y left, z up",
+    );
     for (wheel, load) in wheels.iter().zip(build::static_loads(&platform, gravity)) {
-        add(&format!("static load, {}", wheel.name), format!("{load:.2} N"), "level ground");
+        add(
+            &format!("static load, {}", wheel.name),
+            format!("{load:.2} N"),
+            "level ground",
+        );
     }
 
     // Straight motion and turning, seen through the reduced equations.
     let x = build::rest_state(&platform, [0.0; 3], &[]);
     let reduced = platform.reduce(&x);
     let inverse = invert(n, &reduced.mass);
-    let unit = |forward: f64, yaw: f64| platform.velocity_from_twist(appell_model::planar::vec2(forward, 0.0), yaw, &[]);
+    let unit = |forward: f64, yaw: f64| {
+        platform.velocity_from_twist(appell_model::planar::vec2(forward, 0.0), yaw, &[])
+    };
     let mut speed = f64::INFINITY;
     let mut turn = f64::INFINITY;
     let (mut push, mut hold) = (0.0, 0.0);
@@ -98,18 +112,33 @@ pub fn design(file: &File, gravity: f64) -> Design {
         if let Drive::DcMotor(motor) = &wheel.drive
             && motor.inductance > 0.0
         {
-            add(&format!("electrical time constant, {}", wheel.name), time(motor.inductance / motor.resistance), "L/R");
+            add(
+                &format!("electrical time constant, {}", wheel.name),
+                time(motor.inductance / motor.resistance),
+                "L/R",
+            );
         }
     }
     if speed.is_finite() {
         add("top speed", format!("{speed:.3} m/s"), "straight, no load");
-        add("top yaw rate", format!("{turn:.3} rad/s"), "on the spot, no load");
+        add(
+            "top yaw rate",
+            format!("{turn:.3} rad/s"),
+            "on the spot, no load",
+        );
     }
-    for (k, (name, v)) in [("speed", unit(1.0, 0.0)), ("yaw rate", unit(0.0, 1.0))].into_iter().enumerate() {
+    for (k, (name, v)) in [("speed", unit(1.0, 0.0)), ("yaw rate", unit(0.0, 1.0))]
+        .into_iter()
+        .enumerate()
+    {
         let inertia = dot(n, &v, &product(n, &reduced.mass, &v));
         let exists = dot(n, &v, &v) > 0.0;
         if damping[k] > 0.0 && exists {
-            add(&format!("time constant of {name}"), time(inertia / damping[k]), "drives and viscous losses, held voltage");
+            add(
+                &format!("time constant of {name}"),
+                time(inertia / damping[k]),
+                "drives and viscous losses, held voltage",
+            );
         }
     }
     let stiffest = (0..wheels.len())
@@ -119,26 +148,47 @@ pub fn design(file: &File, gravity: f64) -> Design {
         })
         .fold(0.0, f64::max);
     if stiffest > 0.0 {
-        add("inertia felt at the lightest axle", format!("{:.3e} kg·m²", 1.0 / stiffest), "");
+        add(
+            "inertia felt at the lightest axle",
+            format!("{:.3e} kg·m²", 1.0 / stiffest),
+            "",
+        );
     }
     let weight = mass * gravity;
     if weight > 0.0 {
         let resisting: f64 = wheels.iter().map(|w| w.dry_friction / w.radius).sum();
         if push > 0.0 {
-            add("steepest slope it can climb", slope((push - resisting) / weight), "largest drive torque, wheels do not slip");
+            add(
+                "steepest slope it can climb",
+                slope((push - resisting) / weight),
+                "largest drive torque, wheels do not slip",
+            );
         }
-        add("steepest slope it can hold", slope(hold / weight), "without power: dry friction and brakes, wheels do not slip");
+        add(
+            "steepest slope it can hold",
+            slope(hold / weight),
+            "without power: dry friction and brakes, wheels do not slip",
+        );
     }
     let contacts: Vec<[f64; 2]> = file.wheel.iter().map(|w| w.mount).collect();
     let hull = convex_hull(&contacts);
     let mut inside = hull.len() >= 3;
-    for (name, direction) in [("forward", [1.0, 0.0]), ("backward", [-1.0, 0.0]), ("left", [0.0, 1.0]), ("right", [0.0, -1.0])] {
+    for (name, direction) in [
+        ("forward", [1.0, 0.0]),
+        ("backward", [-1.0, 0.0]),
+        ("left", [0.0, 1.0]),
+        ("right", [0.0, -1.0]),
+    ] {
         let Some(distance) = reach(&hull, [center[0], center[1]], direction) else {
             inside = false;
             continue;
         };
         let angle = Scalar::atan2(distance, center[2]).to_degrees();
-        add(&format!("tips over {name} at"), format!("{angle:.1}°"), "slope towards that side, at rest");
+        add(
+            &format!("tips over {name} at"),
+            format!("{angle:.1}°"),
+            "slope towards that side, at rest",
+        );
     }
     if !inside {
         report.warnings.push(
@@ -174,7 +224,10 @@ fn slope(sine: f64) -> String {
 fn center_of_mass(file: &File, mass: f64) -> [f64; 3] {
     let mut sum = file.body.center_of_mass.map(|c| c * file.body.mass);
     for wheel in &file.wheel {
-        for (axis, at) in [wheel.mount[0], wheel.mount[1], wheel.radius].into_iter().enumerate() {
+        for (axis, at) in [wheel.mount[0], wheel.mount[1], wheel.radius]
+            .into_iter()
+            .enumerate()
+        {
             sum[axis] += wheel.mass * at;
         }
     }
@@ -185,9 +238,18 @@ fn center_of_mass(file: &File, mass: f64) -> [f64; 3] {
 fn plausible(file: &File, warnings: &mut Vec<String>) {
     let corners = file.footprint.iter();
     let half_diagonal = corners
-        .map(|corner| hypot(corner[0] - file.body.center_of_mass[0], corner[1] - file.body.center_of_mass[1]))
+        .map(|corner| {
+            hypot(
+                corner[0] - file.body.center_of_mass[0],
+                corner[1] - file.body.center_of_mass[1],
+            )
+        })
         .fold(0.0, f64::max);
-    let reach = if half_diagonal > 0.0 { half_diagonal } else { file.collision_radius };
+    let reach = if half_diagonal > 0.0 {
+        half_diagonal
+    } else {
+        file.collision_radius
+    };
     let gyration = (file.body.inertia_com / file.body.mass).sqrt();
     if gyration > reach {
         warnings.push(format!(
@@ -204,7 +266,9 @@ fn plausible(file: &File, warnings: &mut Vec<String>) {
                 wheel.spin_inertia
             ));
         }
-        if wheel.vertical_inertia > 0.0 && wheel.spin_inertia > 2.0 * wheel.vertical_inertia * (1.0 + 1e-9) {
+        if wheel.vertical_inertia > 0.0
+            && wheel.spin_inertia > 2.0 * wheel.vertical_inertia * (1.0 + 1e-9)
+        {
             warnings.push(format!(
                 "{path}.vertical_inertia: {:.3e} kg·m² breaks the triangle inequality, spin inertia must be at most twice it",
                 wheel.vertical_inertia
@@ -217,11 +281,15 @@ fn plausible(file: &File, warnings: &mut Vec<String>) {
 fn convex_hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
+        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    };
     let half = |points: &mut dyn Iterator<Item = [f64; 2]>| {
         let mut chain: Vec<[f64; 2]> = Vec::new();
         for point in points {
-            while chain.len() >= 2 && turn(chain[chain.len() - 2], chain[chain.len() - 1], point) <= 0.0 {
+            while chain.len() >= 2
+                && turn(chain[chain.len() - 2], chain[chain.len() - 1], point) <= 0.0
+            {
                 chain.pop();
             }
             chain.push(point);

@@ -63,10 +63,7 @@ impl Press {
         runtime.set_max_stack_size(8 << 20);
         let context = rquickjs::Context::full(&runtime).map_err(fail)?;
         let text: String = MODULES.iter().map(|module| script(module)).collect();
-        context.with(|ctx| {
-            ctx.eval::<(), _>(text)
-                .map_err(|error| caught(&ctx, error))
-        })?;
+        context.with(|ctx| ctx.eval::<(), _>(text).map_err(|error| caught(&ctx, error)))?;
         Ok(Press {
             _runtime: runtime,
             context,
@@ -94,7 +91,12 @@ impl Press {
     }
 
     /// Stacked plots, as a complete SVG document; `specs` as in the data's `plots`.
-    pub fn plots(&self, data: &Value, specs: &Value, options: &Value) -> Result<String, ReportError> {
+    pub fn plots(
+        &self,
+        data: &Value,
+        specs: &Value,
+        options: &Value,
+    ) -> Result<String, ReportError> {
         self.call("renderPlot", &[data, specs, options])
     }
 
@@ -161,10 +163,17 @@ pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>, ReportError> {
     options.font_family = "DejaVu Sans".into();
     let tree = usvg::Tree::from_str(svg, &options).map_err(|error| fail(error.to_string()))?;
     let size = tree.size();
-    let (width, height) = ((size.width() * scale).ceil(), (size.height() * scale).ceil());
+    let (width, height) = (
+        (size.width() * scale).ceil(),
+        (size.height() * scale).ceil(),
+    );
     let mut pixmap = tiny_skia::Pixmap::new(width as u32, height as u32)
         .ok_or_else(|| fail(format!("its size of {width} x {height} is out of range")))?;
-    resvg::render(&tree, tiny_skia::Transform::from_scale(scale, scale), &mut pixmap.as_mut());
+    resvg::render(
+        &tree,
+        tiny_skia::Transform::from_scale(scale, scale),
+        &mut pixmap.as_mut(),
+    );
     pixmap.encode_png().map_err(|error| fail(error.to_string()))
 }
 
@@ -181,7 +190,10 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
     let mut signals = Map::new();
     for (signal, column) in header.signals.iter().zip(&recording.columns) {
         if is_drawn(&signal.path, &plots) {
-            signals.insert(signal.path.clone(), json!({"unit": signal.unit, "values": rounded(column)}));
+            signals.insert(
+                signal.path.clone(),
+                json!({"unit": signal.unit, "values": rounded(column)}),
+            );
         }
     }
     signals.extend(derived);
@@ -243,9 +255,16 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
 /// The reason as a sentence: capital first, full stop last.
 fn sentence(summary: &Summary) -> String {
     let mut letters = summary.reason.chars();
-    let first: String = letters.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
+    let first: String = letters
+        .next()
+        .map(|c| c.to_uppercase().to_string())
+        .unwrap_or_default();
     let text = first + letters.as_str();
-    if text.ends_with('.') { text } else { text + "." }
+    if text.ends_with('.') {
+        text
+    } else {
+        text + "."
+    }
 }
 
 /// Seven significant digits: more than any picture shows.
@@ -261,19 +280,36 @@ fn rounded(column: &[f64]) -> Vec<f64> {
     while unit * largest > 1e7 {
         unit /= 10.0;
     }
-    column.iter().map(|value| (value * unit).round() / unit).collect()
+    column
+        .iter()
+        .map(|value| (value * unit).round() / unit)
+        .collect()
 }
 
 /// Whether a report draws the signal: as motion, as force, or in a plot.
 fn is_drawn(path: &str, plots: &[Value]) -> bool {
-    const MOTION: [&str; 5] = [".pose.x", ".pose.y", ".pose.yaw", ".twist.forward", ".twist.left"];
-    const WHEEL: [&str; 5] = [".spin_angle", ".steering_angle", ".force.longitudinal", ".force.lateral", ".load"];
+    const MOTION: [&str; 5] = [
+        ".pose.x",
+        ".pose.y",
+        ".pose.yaw",
+        ".twist.forward",
+        ".twist.left",
+    ];
+    const WHEEL: [&str; 5] = [
+        ".spin_angle",
+        ".steering_angle",
+        ".force.longitudinal",
+        ".force.lateral",
+        ".load",
+    ];
     let sensed = path.contains(".sensor.");
     let body = MOTION.iter().any(|end| path.ends_with(end)) && !sensed;
     let wheel = path.contains(".wheel.") && WHEEL.iter().any(|end| path.ends_with(end));
     let plotted = || {
         plots.iter().any(|plot| {
-            plot["lines"].as_array().is_some_and(|lines| lines.iter().any(|line| line["signal"] == path))
+            plot["lines"]
+                .as_array()
+                .is_some_and(|lines| lines.iter().any(|line| line["signal"] == path))
         })
     };
     body || wheel || plotted()
@@ -295,7 +331,11 @@ fn robot_plots(
         if lines.is_empty() {
             return;
         }
-        let title = if several { format!("{name}: {title}") } else { title.to_owned() };
+        let title = if several {
+            format!("{name}: {title}")
+        } else {
+            title.to_owned()
+        };
         let mut spec = json!({"title": title, "unit": unit, "lines": lines, "limits": []});
         if let (Value::Object(spec), Value::Object(more)) = (&mut spec, more) {
             spec.extend(more);
@@ -352,16 +392,26 @@ fn robot_plots(
         );
     }
     plot("wheel torque", "N·m", each_wheel("torque"), json!({}));
-    if wheels.iter().all(|wheel| !has(&format!("wheel.{wheel}.torque"))) {
-        plot("wheel rate command", "rad/s", each_wheel("rate_command"), json!({}));
+    if wheels
+        .iter()
+        .all(|wheel| !has(&format!("wheel.{wheel}.torque")))
+    {
+        plot(
+            "wheel rate command",
+            "rad/s",
+            each_wheel("rate_command"),
+            json!({}),
+        );
     }
     if let Some(friction) = extra["arena"]["friction"].as_f64() {
         let mut lines = Vec::new();
         for wheel in &wheels {
             let column = |field: &str| recording.column(&format!("{base}.wheel.{wheel}.{field}"));
-            let (Some(along), Some(across), Some(load)) =
-                (column("force.longitudinal"), column("force.lateral"), column("load"))
-            else {
+            let (Some(along), Some(across), Some(load)) = (
+                column("force.longitudinal"),
+                column("force.lateral"),
+                column("load"),
+            ) else {
                 continue;
             };
             let used: Vec<f64> = along
@@ -375,7 +425,10 @@ fn robot_plots(
                 })
                 .collect();
             let path = format!("wheel.{wheel}.friction_used");
-            derived.insert(format!("{base}.{path}"), json!({"unit": "%", "values": used}));
+            derived.insert(
+                format!("{base}.{path}"),
+                json!({"unit": "%", "values": used}),
+            );
             let role = match *wheel {
                 "left" => "left",
                 "right" => "right",

@@ -47,7 +47,8 @@ impl Memory {
         let kept = self.recording.times.len().div_ceil(2);
         for k in 1..kept {
             self.recording.times[k] = self.recording.times[2 * k];
-            self.rows.copy_within(2 * k * width..(2 * k + 1) * width, k * width);
+            self.rows
+                .copy_within(2 * k * width..(2 * k + 1) * width, k * width);
         }
         self.recording.times.truncate(kept);
         self.rows.truncate(kept * width);
