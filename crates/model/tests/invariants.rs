@@ -1,0 +1,276 @@
+//! What must hold whatever the numbers: energy, frames, mirrors, time reversal, parity of scalars.
+
+mod common;
+
+use appell_model::drive::Drive;
+use appell_model::dual::Dual;
+use appell_model::dynamics::{Dynamics, Held};
+use appell_model::ground::Ground;
+use appell_model::integrate::RungeKutta4;
+use appell_model::lanes::Lanes4;
+use appell_model::planar::vec2;
+use appell_model::platform::{Platform, YAW};
+use appell_model::rolling::Rolling;
+use appell_model::scalar::Scalar;
+use appell_model::wheel::contact_velocity;
+use common::{Differential, Method, SLEIGH, integrate, motor};
+
+fn driven() -> Differential {
+    Differential {
+        drive: motor(1e-3),
+        viscous: 1e-3,
+        dry: 0.02,
+        ..SLEIGH
+    }
+}
+
+fn ledger(system: &Rolling<f64>, x: &[f64], u: &[f64], start: f64) -> (f64, f64) {
+    let layout = system.platform().layout();
+    let mut y = vec![0.0; layout.output()];
+    system.output(x, u, &[1.0, 1.0], &mut y);
+    let at = layout.ledger();
+    let stored = y[3] + y[4] + y[5];
+    let spent = x[at] - x[at + 1] - x[at + 2] - x[at + 3];
+    let throughput = x[at].abs() + x[at + 1] + x[at + 3] + stored.abs();
+    (stored - start - spent, throughput)
+}
+
+/// Energy in = stored + heat: 1e-10 of the throughput adaptively; 1e-6 at 1 ms with friction events.
+#[test]
+fn invariant_energy_ledger() {
+    let robot = driven();
+    let system = robot.rolling(Ground::plane(9.81, 0.1, 0.5));
+    let layout = system.platform().layout().clone();
+    let x0 = robot.state([0.0, 0.0, 0.2], [0.3, 0.4]);
+    let mut u = vec![0.0; layout.input()];
+    let (start, _) = ledger(&system, &x0, &u, 0.0);
+    (u[0], u[1]) = (7.0, 9.0);
+    for (method, tolerance) in [
+        (Method::Adaptive(1e-12), 1e-10),
+        (Method::Exponential(1e-3), 1e-6),
+        (Method::Rk4(1e-4), 1e-6),
+    ] {
+        // Drives, coasts against friction until it stops, and drives off again.
+        let (x, _) = integrate(&system, &x0, &u, 2.0, method);
+        let off = vec![0.0; layout.input()];
+        let (x, _) = integrate(&system, &x, &off, 3.0, method);
+        let back: Vec<f64> = u.iter().map(|value| -value).collect();
+        let (x, _) = integrate(&system, &x, &back, 1.0, method);
+        let (residual, throughput) = ledger(&system, &x, &back, start);
+        assert!(
+            residual.abs() <= tolerance * throughput,
+            "{method:?}: {:e} of {throughput}",
+            residual / throughput
+        );
+    }
+}
+
+/// Turning and shifting the world turns and shifts the trajectory.
+#[test]
+fn invariant_frame_change() {
+    let (turn, shift) = (0.9, [3.0, -2.0]);
+    let run = |downhill: f64, pose: [f64; 3]| {
+        let system = SLEIGH.rolling(Ground::plane(9.81, 0.1, downhill));
+        let u = vec![0.0; system.sizes().input];
+        integrate(
+            &system,
+            &SLEIGH.state(pose, [0.3, 0.5]),
+            &u,
+            2.0,
+            Method::Rk4(1e-3),
+        )
+        .0
+    };
+    let a = run(0.3, [0.0, 0.0, 0.1]);
+    let b = run(0.3 + turn, [shift[0], shift[1], 0.1 + turn]);
+    let (sin, cos) = Scalar::sin_cos(turn);
+    let moved = vec2(a[0], a[1]).rotated(cos, sin);
+    // Roundings of positions of metres over 2000 steps.
+    assert!((b[0] - shift[0] - moved.x).abs() < 1e-12);
+    assert!((b[1] - shift[1] - moved.y).abs() < 1e-12);
+    assert!((b[YAW] - turn - a[YAW]).abs() < 1e-12);
+}
+
+/// Swapping left and right mirrors the motion bit for bit.
+#[test]
+fn invariant_mirror() {
+    let robot = driven();
+    let system = robot.rolling(Ground::flat(9.81));
+    let layout = system.platform().layout().clone();
+    let run = |left: f64, right: f64, yaw_rate: f64| {
+        let mut u = vec![0.0; layout.input()];
+        (u[0], u[1]) = (left, right);
+        integrate(
+            &system,
+            &robot.state([0.0; 3], [0.2, yaw_rate]),
+            &u,
+            2.0,
+            Method::Rk4(1e-3),
+        )
+        .0
+    };
+    let (a, b) = (run(5.0, 9.0, 0.3), run(9.0, 5.0, -0.3));
+    assert_eq!(a[0], b[0]);
+    assert_eq!(a[1], -b[1]);
+    assert_eq!(a[YAW], -b[YAW]);
+}
+
+/// A torque-free run, reversed, comes back.
+#[test]
+fn invariant_time_reversal() {
+    let system = SLEIGH.rolling(Ground::flat(9.81));
+    let u = vec![0.0; system.sizes().input];
+    let x0 = SLEIGH.state([0.0, 0.0, 0.3], [0.5, 2.0]);
+    let (mut x, _) = integrate(&system, &x0, &u, 2.0, Method::Rk4(1e-3));
+    let at = system.platform().layout().velocity();
+    x[at] = -x[at];
+    x[at + 1] = -x[at + 1];
+    let (back, _) = integrate(&system, &x, &u, 2.0, Method::Rk4(1e-3));
+    // Against the stable direction errors grow by e^{2 k t} ≈ 150: RK4's 1e-12 stays below 1e-10.
+    for k in 0..3 {
+        assert!(
+            (back[k] - x0[k]).abs() < 1e-10,
+            "{k}: {:e}",
+            back[k] - x0[k]
+        );
+    }
+}
+
+fn lift<T: Scalar>(platform: &Platform<f64>) -> Rolling<T> {
+    let platform = platform.map(&mut |_, value| T::from(value));
+    let plane = Ground::plane(9.81, 0.1, 0.5);
+    let ground = Ground {
+        gravity: vec2(T::from(plane.gravity.x), T::from(plane.gravity.y)),
+        gravity_normal: T::from(plane.gravity_normal),
+    };
+    Rolling::new(platform, ground)
+}
+
+fn steps<T: Scalar>(system: &Rolling<T>, x0: &[T], u: &[T], count: usize) -> Vec<T> {
+    let sizes = system.sizes();
+    let (mut x, mut mode) = (x0.to_vec(), vec![T::one(); sizes.mode]);
+    let mut rk4 = RungeKutta4::new(sizes.state, sizes.input);
+    for k in 0..count {
+        rk4.step(system, &Held(u), k as f64 * 5e-4, 5e-4, &mut x, &mut mode);
+    }
+    x
+}
+
+/// Lane i of a lane run, and the value of a dual run, equal the scalar run bit for bit, through
+/// friction that stops one lane and not another.
+#[test]
+fn invariant_scalars_agree() {
+    let robot = driven();
+    let platform = robot.platform();
+    let scalar: Rolling<f64> = lift(&platform);
+    let size = scalar.sizes();
+    let starts: Vec<Vec<f64>> = (0..4)
+        .map(|k| robot.state([0.0, 0.0, 0.1 * k as f64], [0.05 * k as f64, 0.2]))
+        .collect();
+    let mut u = vec![0.0; size.input];
+    (u[0], u[1]) = (0.2, -0.1);
+    let runs: Vec<Vec<f64>> = starts
+        .iter()
+        .map(|x0| steps(&scalar, x0, &u, 3000))
+        .collect();
+    let at = platform.layout().velocity();
+    assert!(runs.iter().any(|x| x[at] == 0.0) || runs.iter().any(|x| x[at] != 0.0));
+
+    let lanes: Rolling<Lanes4> = lift(&platform);
+    let x0: Vec<Lanes4> = (0..size.state)
+        .map(|k| Lanes4::from_lanes(|i| starts[i][k]))
+        .collect();
+    let held: Vec<Lanes4> = u.iter().map(|&value| Lanes4::from(value)).collect();
+    let x = steps(&lanes, &x0, &held, 3000);
+    for (i, run) in runs.iter().enumerate() {
+        for k in 0..size.state {
+            assert_eq!(
+                x[k].lane(i).to_bits(),
+                run[k].to_bits(),
+                "lane {i}, state {k}"
+            );
+        }
+    }
+
+    let duals: Rolling<Dual<f64, 1>> = lift(&platform);
+    let x0: Vec<_> = starts[1]
+        .iter()
+        .map(|&value| Dual::<f64, 1>::from(value))
+        .collect();
+    let held: Vec<_> = u.iter().map(|&value| Dual::<f64, 1>::from(value)).collect();
+    let x = steps(&duals, &x0, &held, 3000);
+    for k in 0..size.state {
+        assert_eq!(x[k].value.to_bits(), runs[1][k].to_bits(), "state {k}");
+    }
+}
+
+/// The derivative of the end state to the mass, by dual numbers and by central differences.
+#[test]
+fn invariant_dual_equals_difference() {
+    let robot = Differential {
+        drive: motor(1e-3),
+        ..SLEIGH
+    };
+    let end = |mass: f64| {
+        let robot = Differential { mass, ..robot };
+        let system = robot.rolling(Ground::flat(9.81));
+        let mut u = vec![0.0; system.sizes().input];
+        (u[0], u[1]) = (6.0, 8.0);
+        integrate(
+            &system,
+            &robot.state([0.0; 3], [0.2, 0.1]),
+            &u,
+            1.0,
+            Method::Rk4(1e-3),
+        )
+        .0
+    };
+    let h = 1e-4;
+    let (up, down) = (end(robot.mass + h), end(robot.mass - h));
+    let platform = robot.platform().map(&mut |path, value| {
+        if path == "body.mass" {
+            Dual::<f64, 1>::variable(value, 0)
+        } else {
+            Dual::from(value)
+        }
+    });
+    let flat = Ground {
+        gravity: vec2(Dual::from(0.0), Dual::from(0.0)),
+        gravity_normal: Dual::from(9.81),
+    };
+    let system = Rolling::new(platform, flat);
+    let mut u = vec![Dual::from(0.0); system.sizes().input];
+    (u[0], u[1]) = (Dual::from(6.0), Dual::from(8.0));
+    let mut x: Vec<_> = robot
+        .state([0.0; 3], [0.2, 0.1])
+        .into_iter()
+        .map(Dual::<f64, 1>::from)
+        .collect();
+    let mut mode = vec![Dual::from(1.0); 2];
+    let mut rk4 = RungeKutta4::new(x.len(), u.len());
+    for k in 0..1000 {
+        rk4.step(&system, &Held(&u), k as f64 * 1e-3, 1e-3, &mut x, &mut mode);
+    }
+    for k in 0..3 {
+        let difference = (up[k] - down[k]) / (2.0 * h);
+        // Central differences: h² truncation and ε/h rounding, both about 1e-9 here.
+        assert!((x[k].derivative[0] - difference).abs() < 1e-8, "state {k}");
+    }
+}
+
+/// Ideal rolling: the contact velocity vanishes along what the rims resist.
+#[test]
+fn invariant_contacts_do_not_slip() {
+    let platform = SLEIGH.platform();
+    let layout = platform.layout();
+    let x = SLEIGH.state([0.0, 0.0, 0.4], [0.7, -1.3]);
+    let v = &x[layout.velocity()..layout.velocity() + layout.dof()];
+    let (velocity, yaw_rate) = platform.twist(v);
+    for (i, wheel) in platform.wheels().iter().enumerate() {
+        let frame = platform.wheel_frame(i, &x);
+        let rate = appell_model::solve::dot(layout.dof(), &platform.spin_row(i, &frame), v);
+        let slip = contact_velocity(wheel, &frame, velocity, yaw_rate, 0.0, rate);
+        assert!(slip.dot(frame.forward).abs() < 1e-15 && slip.dot(frame.left).abs() < 1e-15);
+    }
+    assert!(matches!(platform.wheels()[0].drive, Drive::Torque { .. }));
+}
