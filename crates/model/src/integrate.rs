@@ -22,6 +22,8 @@ pub struct RungeKutta4<T> {
 #[derive(Clone, Debug)]
 pub struct Exponential<T: Scalar> {
     size: usize,
+    /// The states of the linear part.
+    range: core::ops::Range<usize>,
     step: f64,
     /// Which modes the matrices were made for.
     signature: Vec<T>,
@@ -156,7 +158,8 @@ mod etd {
             let sizes = system.sizes();
             let mut linear = vec![T::zero(); sizes.state * sizes.state];
             let free = vec![T::one(); sizes.mode];
-            let size = system.linear_part(&free, &mut linear)?.len();
+            let range = system.linear_part(&free, &mut linear)?;
+            let size = range.len();
             let square = || vec![T::zero(); size * size];
             let propagator = || Propagator {
                 exponential: square(),
@@ -165,6 +168,7 @@ mod etd {
             let states = || vec![T::zero(); sizes.state];
             let mut method = Exponential {
                 size,
+                range,
                 step,
                 signature: vec![T::one(); sizes.mode],
                 linear,
@@ -227,9 +231,7 @@ mod etd {
                 input.at(t, &mut self.input);
                 system.decide(x, &self.input, mode);
                 self.renew(system, mode, dt);
-                let range = system
-                    .linear_part(mode, &mut self.scratch[2])
-                    .expect("a system keeps its linear part");
+                let range = self.range.clone();
                 self.start[..n].copy_from_slice(x);
                 self.stage[..n].copy_from_slice(x);
                 // The start, then the middle, which gives what is not linear, then the outer nodes.

@@ -385,12 +385,40 @@ impl<T: Scalar> Platform<T> {
         self.basis[2]
     }
 
+    /// γ̇ of a caster for a twist of the base: its contact must not move along its axle.
+    #[inline(always)]
+    pub fn caster_rate(
+        &self,
+        i: usize,
+        frame: &WheelFrame<T>,
+        velocity: Vec2<T>,
+        yaw_rate: T,
+    ) -> T {
+        let wheel = &self.wheels[i];
+        let pivot = velocity + wheel.mount.perpendicular() * yaw_rate;
+        frame.left.dot(pivot) / wheel.trail() - yaw_rate
+    }
+
+    /// φ̇ of wheel i for a twist of the base: its rim must not slip along what it resists.
+    /// `[eq:constraints]`
+    #[inline(always)]
+    pub fn spin_rate(&self, i: usize, frame: &WheelFrame<T>, velocity: Vec2<T>, yaw_rate: T) -> T {
+        let rolling = self.wheels[i].rolling_row(frame);
+        let contact = velocity + frame.contact.perpendicular() * yaw_rate;
+        rolling.direction.dot(contact) / rolling.lever
+    }
+
+    /// The k-th column of Σ as a twist.
+    #[inline(always)]
+    fn basis_twist(&self, k: usize) -> (Vec2<T>, T) {
+        (vec2(self.basis[0][k], self.basis[1][k]), self.basis[2][k])
+    }
+
     /// Row over v of γ̇ of wheel i.
     #[inline(always)]
     pub fn swivel_row(&self, i: usize, frame: &WheelFrame<T>) -> Row<T> {
-        let wheel = &self.wheels[i];
         let mut row = zero_row();
-        match wheel.steering {
+        match self.wheels[i].steering {
             Steering::Fixed { .. } => {}
             Steering::Driven => {
                 let mut k = 0;
@@ -399,32 +427,23 @@ impl<T: Scalar> Platform<T> {
                 }
                 row[self.layout.eta + k] = T::one();
             }
-            Steering::Free { trail } => {
-                let pivot = self.point_rows(wheel.mount);
+            Steering::Free { .. } => {
                 for k in 0..self.layout.eta {
-                    let lateral = frame
-                        .left
-                        .x
-                        .mul_add(pivot[0][k], frame.left.y * pivot[1][k]);
-                    row[k] = lateral / trail - self.basis[2][k];
+                    let (velocity, yaw_rate) = self.basis_twist(k);
+                    row[k] = self.caster_rate(i, frame, velocity, yaw_rate);
                 }
             }
         }
         row
     }
 
-    /// Row over v of φ̇ of wheel i. `[eq:constraints]`
+    /// Row over v of φ̇ of wheel i.
     #[inline(always)]
     pub fn spin_row(&self, i: usize, frame: &WheelFrame<T>) -> Row<T> {
-        let rolling = self.wheels[i].rolling_row(frame);
-        let contact = self.point_rows(frame.contact);
         let mut row = zero_row();
         for k in 0..self.layout.eta {
-            let along = rolling
-                .direction
-                .x
-                .mul_add(contact[0][k], rolling.direction.y * contact[1][k]);
-            row[k] = along / rolling.lever;
+            let (velocity, yaw_rate) = self.basis_twist(k);
+            row[k] = self.spin_rate(i, frame, velocity, yaw_rate);
         }
         row
     }

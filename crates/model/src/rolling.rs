@@ -25,6 +25,9 @@ pub struct Rolling<T: Scalar> {
     ground: Ground<T>,
     /// Reduced equations and inverse mass matrix, for platforms whose geometry does not change.
     constant: Option<(Reduced<T>, Square<T>)>,
+    /// The same for two driven wheels on an axle, with its sizes known to the compiler: no loop of
+    /// a step of the commonest robot is left to run time.
+    axle: Option<Box<Compiled<T, 2, 2>>>,
     /// Per wheel: index of the current in the state.
     current: [Option<usize>; MAX_WHEELS],
     /// Wheels with any dry friction or brake.
@@ -38,6 +41,73 @@ pub struct Rolling<T: Scalar> {
 struct Contacts<T> {
     /// Inverse of the 3 × 3 matrix Σ (1, x, y)(1, x, y)ᵀ, about the base's origin.
     inverse: [[T; 3]; 3],
+}
+
+/// The equations of a platform of constant geometry, multiplied out: U velocity coordinates and W
+/// wheels that take part in the dynamics. `[eq:constant-geometry]`
+#[derive(Clone, Debug)]
+struct Compiled<T, const U: usize, const W: usize> {
+    /// Rows of Σ: V_x, V_y, ω.
+    twist: [[T; U]; 3],
+    /// φ̇ of each wheel.
+    spin: [[T; U]; W],
+    /// M⁻¹ Sᵀ: acceleration per torque of each wheel.
+    push: [[T; U]; W],
+    /// M⁻¹ G.
+    gyro: [[T; U]; U],
+    /// M⁻¹ Σ m_k J_kᵀ: acceleration per gravity along x and y.
+    weight: [[T; U]; 2],
+    /// Acceleration per component of an external wrench.
+    wrench: [[T; U]; 3],
+    /// The wheels, as indices.
+    wheels: [usize; W],
+}
+
+/// Sum of products of two short rows.
+#[inline(always)]
+fn along<T: Scalar, const N: usize>(a: &[T; N], b: &[T; N]) -> T {
+    let mut sum = a[0] * b[0];
+    for k in 1..N {
+        sum = a[k].mul_add(b[k], sum);
+    }
+    sum
+}
+
+impl<T: Scalar, const U: usize, const W: usize> Compiled<T, U, W> {
+    /// `None` if the platform has other sizes.
+    fn new(platform: &Platform<T>, reduced: &Reduced<T>, inverse: &Square<T>) -> Option<Self> {
+        let layout = platform.layout();
+        let dynamic: Vec<usize> = (0..layout.wheels)
+            .filter(|&i| platform.is_dynamic(i))
+            .collect();
+        let wheels: [usize; W] = dynamic.try_into().ok()?;
+        if layout.dof() != U || !layout.steered.is_empty() {
+            return None;
+        }
+        let short = |row: &Row<T>| -> [T; U] { core::array::from_fn(|k| row[k]) };
+        let through = |row: &Row<T>| short(&product(U, inverse, row));
+        let origin = platform.point_rows(Vec2::zero());
+        let yaw = platform.yaw_row();
+        let mut gyro = [[T::zero(); U]; U];
+        for column in 0..U {
+            let mut of_column = zero_row();
+            for (k, value) in of_column.iter_mut().enumerate().take(U) {
+                *value = reduced.gyro[k][column];
+            }
+            for (k, row) in gyro.iter_mut().enumerate() {
+                row[column] = through(&of_column)[k];
+            }
+        }
+        Some(Compiled {
+            twist: [short(&origin[0]), short(&origin[1]), short(&yaw)],
+            spin: wheels.map(|i| short(&reduced.spin[i])),
+            push: wheels.map(|i| through(&reduced.spin[i])),
+            gyro,
+            weight: [through(&reduced.momentum[0]), through(&reduced.momentum[1])],
+            wrench: [through(&origin[0]), through(&origin[1]), through(&yaw)],
+            wheels,
+        })
+    }
 }
 
 /// What acts on the platform at an instant.
@@ -79,10 +149,15 @@ impl<T: Scalar> Rolling<T> {
         let contacts = (layout.wheels >= 3)
             .then(|| Contacts::new(&platform))
             .flatten();
+        let axle = constant
+            .as_ref()
+            .and_then(|(reduced, inverse)| Compiled::new(&platform, reduced, inverse))
+            .map(Box::new);
         Rolling {
             platform,
             ground,
             constant,
+            axle,
             current,
             rubs,
             contacts,
@@ -284,12 +359,17 @@ impl<T: Scalar> Rolling<T> {
             sticking |= self.rubs[i] && forces.stuck[i].any();
         }
         if sticking {
-            return self.held_acceleration(x, reduced, forces);
+            let (mut v_rate, mut mobility) = self.steered_acceleration(x, reduced, forces);
+            self.hold(
+                reduced,
+                &forces.stuck,
+                &forces.convective,
+                &mut mobility,
+                &mut v_rate,
+            );
+            return v_rate;
         }
-        match &self.constant {
-            Some((_, inverse)) => product(layout.dof(), inverse, &forces.total),
-            None => product(layout.dof(), &self.inverse_mass(reduced), &forces.total),
-        }
+        product(layout.dof(), &self.inverse_mass(reduced), &forces.total)
     }
 
     /// The accelerations under the conditions of steered wheels only, with the mobility they leave.
@@ -320,23 +400,29 @@ impl<T: Scalar> Rolling<T> {
         (v_rate, mobility)
     }
 
-    /// The accelerations under the conditions of steered and of sticking wheels. `[eq:stick]`
+    /// Narrows accelerations to those that leave the sticking wheels at rest. `[eq:stick]`
     #[inline(never)]
-    fn held_acceleration(&self, x: &[T], reduced: &Reduced<T>, forces: &Forces<T>) -> Row<T> {
+    fn hold(
+        &self,
+        reduced: &Reduced<T>,
+        stuck: &[T::Mask; MAX_WHEELS],
+        convective: &[T; MAX_WHEELS],
+        mobility: &mut Mobility<T>,
+        v_rate: &mut [T],
+    ) {
         let layout = self.platform.layout();
-        let (mut v_rate, mut mobility) = self.steered_acceleration(x, reduced, forces);
         let mut moving = T::Mask::splat(false);
         for i in 0..layout.wheels {
-            if !self.rubs[i] || !forces.stuck[i].any() {
+            if !self.rubs[i] || !stuck[i].any() {
                 continue;
             }
             let condition = Condition {
                 row: reduced.spin[i],
-                value: -forces.convective[i],
-                active: forces.stuck[i],
+                value: -convective[i],
+                active: stuck[i],
             };
-            moving = moving.or(is_zero(forces.convective[i]).not());
-            mobility.impose(&condition, &mut v_rate);
+            moving = moving.or(is_zero(convective[i]).not());
+            mobility.impose(&condition, v_rate);
         }
         // Held in every direction: at rest to the last bit, whatever the rounding.
         let rest = mobility.is_locked().and(moving.not());
@@ -345,7 +431,197 @@ impl<T: Scalar> Rolling<T> {
                 *rate = T::select(rest, T::zero(), *rate);
             }
         }
-        v_rate
+    }
+
+    /// The derivative of a platform whose equations are multiplied out: the same terms as
+    /// [`Self::forces`], in the order of the data.
+    #[inline(always)]
+    fn flow<const U: usize, const W: usize>(
+        &self,
+        compiled: &Compiled<T, U, W>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        dx: &mut [T],
+    ) {
+        let layout = self.platform.layout();
+        let at = layout.velocity();
+        let v: [T; U] = core::array::from_fn(|k| x[at + k]);
+        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
+        let velocity = vec2(along(&compiled.twist[0], &v), along(&compiled.twist[1], &v));
+        let yaw_rate = along(&compiled.twist[2], &v);
+        let gravity = self.ground.gravity.rotated(cos, -sin);
+        let outside: [T; 3] = core::array::from_fn(|k| u[layout.wrench_input() + k]);
+        let mut v_rate: [T; U] = core::array::from_fn(|k| {
+            let weight =
+                compiled.weight[0][k].mul_add(gravity.x, compiled.weight[1][k] * gravity.y);
+            let wrench = compiled.wrench[0][k].mul_add(
+                outside[0],
+                compiled.wrench[1][k].mul_add(outside[1], compiled.wrench[2][k] * outside[2]),
+            );
+            (-yaw_rate).mul_add(along(&compiled.gyro[k], &v), weight + wrench)
+        });
+        let (mut supplied, mut windings) = (T::zero(), T::zero());
+        let (mut gears, mut friction) = (T::zero(), T::zero());
+        let mut sticking = false;
+        let mut stuck = [T::Mask::splat(false); MAX_WHEELS];
+        for (w, &i) in compiled.wheels.iter().enumerate() {
+            let wheel = &self.platform.wheels()[i];
+            let mut rate = along(&compiled.spin[w], &v);
+            let mut lost = T::zero();
+            if self.rubs[i] {
+                let bound = self.bound(i, u);
+                stuck[i] = is_zero(mode[i]).and(T::zero().less(bound));
+                sticking |= stuck[i].any();
+                rate = T::select(stuck[i], T::zero(), rate);
+                lost = bound * mode[i];
+            }
+            lost = wheel.viscous.mul_add(rate, lost);
+            dx[layout.spin(i)] = rate;
+            let (torque, voltage, current) = self.drive(i, x, u[i], rate);
+            let net = torque - lost;
+            for k in 0..U {
+                v_rate[k] = compiled.push[w][k].mul_add(net, v_rate[k]);
+            }
+            friction = lost.mul_add(rate, friction);
+            let shaft = torque * rate;
+            match &wheel.drive {
+                Drive::None | Drive::Rate { .. } => {}
+                Drive::Torque { .. } => supplied += shaft,
+                Drive::DcMotor(motor) => {
+                    supplied = voltage.mul_add(current, supplied);
+                    windings = (motor.resistance * current).mul_add(current, windings);
+                    gears += motor.back_emf(rate).mul_add(current, -shaft);
+                    if let Some(at) = self.current[i] {
+                        dx[at] = motor.current_rate(voltage, current, rate);
+                    }
+                }
+            }
+        }
+        if sticking && let Some((reduced, inverse)) = &self.constant {
+            let mut mobility = Mobility::new(U, inverse);
+            let still = [T::zero(); MAX_WHEELS];
+            self.hold(reduced, &stuck, &still, &mut mobility, &mut v_rate);
+        }
+        for k in 0..U {
+            dx[at + k] = v_rate[k];
+        }
+        self.pose_rates(x, velocity, yaw_rate, dx);
+        for (k, &i) in layout.swivels.iter().enumerate() {
+            self.follow(k, i, x, velocity, yaw_rate, dx);
+        }
+        supplied += outside[0].mul_add(
+            velocity.x,
+            outside[1].mul_add(velocity.y, outside[2] * yaw_rate),
+        );
+        let ledger = layout.ledger();
+        dx[ledger] = supplied;
+        dx[ledger + 1] = windings;
+        dx[ledger + 2] = gears;
+        dx[ledger + 3] = friction;
+    }
+
+    /// The derivative of any platform.
+    #[inline(never)]
+    fn any_derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let varying;
+        let reduced = match &self.constant {
+            Some((reduced, _)) => reduced,
+            None => {
+                varying = self.platform.reduce(x);
+                &varying
+            }
+        };
+        let forces = self.forces(x, u, mode, reduced);
+        let v_rate = self.acceleration(x, reduced, &forces);
+        let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
+        self.pose_rates(x, velocity, yaw_rate, dx);
+        dx[layout.velocity()..layout.velocity() + n].copy_from_slice(&v_rate[..n]);
+
+        let v = &x[layout.velocity()..layout.velocity() + n];
+        let mut supplied = T::zero();
+        let mut windings = T::zero();
+        let mut gears = T::zero();
+        let mut friction = T::zero();
+        for (k, &i) in layout.swivels.iter().enumerate() {
+            let frame = self.platform.wheel_frame(i, x);
+            let swivel = self.platform.swivel_row(i, &frame);
+            let rate = dot(n, &swivel, v);
+            let at = layout.swivel(k);
+            dx[at] = rate;
+            dx[at + 1] = -(x[at + 2] * rate);
+            dx[at + 2] = x[at + 1] * rate;
+            let pivot = self.platform.wheels()[i].pivot_viscous;
+            friction = (pivot * rate).mul_add(rate, friction);
+            if !self.platform.is_dynamic(i) {
+                let spin = self.platform.spin_row(i, &frame);
+                dx[layout.spin(i)] = dot(n, &spin, v);
+            }
+        }
+        for k in 0..layout.steered.len() {
+            supplied = u[layout.steering_input() + k].mul_add(v[layout.eta + k], supplied);
+        }
+        for i in 0..layout.wheels {
+            if !self.platform.is_dynamic(i) {
+                continue;
+            }
+            let wheel = &self.platform.wheels()[i];
+            let rate = forces.rate[i];
+            dx[layout.spin(i)] = rate;
+            let lost = wheel.viscous.mul_add(rate, forces.bound[i] * mode[i]);
+            friction = lost.mul_add(rate, friction);
+            let shaft = forces.torque[i] * rate;
+            match &wheel.drive {
+                Drive::None | Drive::Rate { .. } => {}
+                Drive::Torque { .. } => supplied += shaft,
+                Drive::DcMotor(motor) => {
+                    let (_, voltage, current) = self.drive(i, x, u[i], rate);
+                    let emf = motor.back_emf(rate);
+                    supplied = voltage.mul_add(current, supplied);
+                    windings = (motor.resistance * current).mul_add(current, windings);
+                    gears += emf.mul_add(current, -shaft);
+                    if let Some(at) = self.current[i] {
+                        dx[at] = motor.current_rate(voltage, current, rate);
+                    }
+                }
+            }
+        }
+        let wrench = &u[layout.wrench_input()..layout.wrench_input() + 3];
+        supplied += wrench[0].mul_add(
+            velocity.x,
+            wrench[1].mul_add(velocity.y, wrench[2] * yaw_rate),
+        );
+        let ledger = layout.ledger();
+        dx[ledger] = supplied;
+        dx[ledger + 1] = windings;
+        dx[ledger + 2] = gears;
+        dx[ledger + 3] = friction;
+    }
+
+    /// Rates of the pose and of the heading's cosine and sine.
+    #[inline(always)]
+    fn pose_rates(&self, x: &[T], velocity: Vec2<T>, yaw_rate: T, dx: &mut [T]) {
+        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
+        let travel = velocity.rotated(cos, sin);
+        dx[0] = travel.x;
+        dx[1] = travel.y;
+        dx[YAW] = yaw_rate;
+        dx[YAW + 1] = -(sin * yaw_rate);
+        dx[YAW + 2] = cos * yaw_rate;
+    }
+
+    /// Rates of a caster that only follows the motion.
+    #[inline(always)]
+    fn follow(&self, k: usize, i: usize, x: &[T], velocity: Vec2<T>, yaw_rate: T, dx: &mut [T]) {
+        let at = self.platform.layout().swivel(k);
+        let frame = self.platform.wheels()[i].frame(x[at + 1], x[at + 2]);
+        let rate = self.platform.caster_rate(i, &frame, velocity, yaw_rate);
+        dx[at] = rate;
+        dx[at + 1] = -(x[at + 2] * rate);
+        dx[at + 2] = x[at + 1] * rate;
+        dx[self.platform.layout().spin(i)] = self.platform.spin_rate(i, &frame, velocity, yaw_rate);
     }
 
     /// Takes from the velocities what steered and sticking wheels forbid, at the least cost of
@@ -651,86 +927,10 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
 
     #[inline(always)]
     fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
-        let layout = self.platform.layout();
-        let n = layout.dof();
-        let varying;
-        let reduced = match &self.constant {
-            Some((reduced, _)) => reduced,
-            None => {
-                varying = self.platform.reduce(x);
-                &varying
-            }
-        };
-        let forces = self.forces(x, u, mode, reduced);
-        let v_rate = self.acceleration(x, reduced, &forces);
-        let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
-        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
-        let travel = velocity.rotated(cos, sin);
-        dx[0] = travel.x;
-        dx[1] = travel.y;
-        dx[YAW] = yaw_rate;
-        dx[YAW + 1] = -(sin * yaw_rate);
-        dx[YAW + 2] = cos * yaw_rate;
-        dx[layout.velocity()..layout.velocity() + n].copy_from_slice(&v_rate[..n]);
-
-        let v = &x[layout.velocity()..layout.velocity() + n];
-        let mut supplied = T::zero();
-        let mut windings = T::zero();
-        let mut gears = T::zero();
-        let mut friction = T::zero();
-        for (k, &i) in layout.swivels.iter().enumerate() {
-            let frame = self.platform.wheel_frame(i, x);
-            let swivel = self.platform.swivel_row(i, &frame);
-            let rate = dot(n, &swivel, v);
-            let at = layout.swivel(k);
-            dx[at] = rate;
-            dx[at + 1] = -(x[at + 2] * rate);
-            dx[at + 2] = x[at + 1] * rate;
-            let pivot = self.platform.wheels()[i].pivot_viscous;
-            friction = (pivot * rate).mul_add(rate, friction);
-            if !self.platform.is_dynamic(i) {
-                let spin = self.platform.spin_row(i, &frame);
-                dx[layout.spin(i)] = dot(n, &spin, v);
-            }
+        match &self.axle {
+            Some(axle) => self.flow(axle, x, u, mode, dx),
+            None => self.any_derivative(x, u, mode, dx),
         }
-        for k in 0..layout.steered.len() {
-            supplied = u[layout.steering_input() + k].mul_add(v[layout.eta + k], supplied);
-        }
-        for i in 0..layout.wheels {
-            if !self.platform.is_dynamic(i) {
-                continue;
-            }
-            let wheel = &self.platform.wheels()[i];
-            let rate = forces.rate[i];
-            dx[layout.spin(i)] = rate;
-            let lost = wheel.viscous.mul_add(rate, forces.bound[i] * mode[i]);
-            friction = lost.mul_add(rate, friction);
-            let shaft = forces.torque[i] * rate;
-            match &wheel.drive {
-                Drive::None | Drive::Rate { .. } => {}
-                Drive::Torque { .. } => supplied += shaft,
-                Drive::DcMotor(motor) => {
-                    let (_, voltage, current) = self.drive(i, x, u[i], rate);
-                    let emf = motor.back_emf(rate);
-                    supplied = voltage.mul_add(current, supplied);
-                    windings = (motor.resistance * current).mul_add(current, windings);
-                    gears += emf.mul_add(current, -shaft);
-                    if let Some(at) = self.current[i] {
-                        dx[at] = motor.current_rate(voltage, current, rate);
-                    }
-                }
-            }
-        }
-        let wrench = &u[layout.wrench_input()..layout.wrench_input() + 3];
-        supplied += wrench[0].mul_add(
-            velocity.x,
-            wrench[1].mul_add(velocity.y, wrench[2] * yaw_rate),
-        );
-        let ledger = layout.ledger();
-        dx[ledger] = supplied;
-        dx[ledger + 1] = windings;
-        dx[ledger + 2] = gears;
-        dx[ledger + 3] = friction;
     }
 
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {

