@@ -11,7 +11,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 #[derive(Parser)]
 #[command(version, after_help = EXIT_CODES, max_term_width = 100)]
 pub struct Arguments {
-    /// When to use colour: also off when NO_COLOR is set or the output is no terminal.
+    /// When to use color: also off when NO_COLOR is set or the output is no terminal.
     #[arg(long, global = true, value_enum, default_value_t = Color::Auto)]
     pub color: Color,
     #[command(subcommand)]
@@ -22,7 +22,7 @@ const EXIT_CODES: &str = "Exit codes: 0 task passed (or nothing to pass), 1 task
 4 output could not be written, 70 a defect of the program.\n\
 First steps: appell run scenarios/slalom.toml";
 
-/// When to use colour.
+/// When to use color.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Color {
     /// On a terminal only.

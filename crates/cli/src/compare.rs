@@ -93,7 +93,10 @@ pub fn compare(options: &CompareOptions) -> u8 {
         return exit::OUTPUT;
     }
     terminal::print(&format!("report: {}", folder.join("report.html").display()));
-    exit::PASSED
+    let failed = entries
+        .iter()
+        .any(|entry| entry.summary.verdict == appell_sim::run::Outcome::Failed);
+    if failed { exit::FAILED } else { exit::PASSED }
 }
 
 fn signal(k: usize) -> String {

@@ -73,7 +73,8 @@ fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
             match summary.verdict {
                 Outcome::Passed => exit::PASSED,
                 Outcome::Failed => exit::FAILED,
-                Outcome::Stopped if summary.robots.iter().all(|r| r.task == "none") => exit::PASSED,
+                // Without a task there is nothing to fail but the run itself.
+                Outcome::Stopped if summary.error.is_none() => exit::PASSED,
                 Outcome::Stopped => exit::FAILED,
             }
         }
@@ -141,6 +142,9 @@ fn execute(
         "report.html",
         "trajectory.svg",
         "trajectory.png",
+        "recording.mcap",
+        "recording.csv",
+        "recording.parquet",
     ] {
         let path = folder.join(old);
         if path.exists() {

@@ -1,4 +1,4 @@
-//! The terminal: colour, pipes, progress and tables.
+//! The terminal: color, pipes, progress and tables.
 
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use crate::arguments::Color;
 
 static COLOR: AtomicBool = AtomicBool::new(false);
 
-/// Decides on colour once.
+/// Decides on color once.
 pub fn set_color(color: Color) {
     let on = match color {
         Color::Always => true,

@@ -19,11 +19,11 @@ pub const MAX_WHEELS: usize = 12;
 pub struct Body<T> {
     /// Mass without the wheels, kg.
     pub mass: T,
-    /// Yaw inertia about its own centre of mass, kg·m².
+    /// Yaw inertia about its own center of mass, kg·m².
     pub inertia_com: T,
-    /// Centre of mass in the base frame, m.
+    /// Center of mass in the base frame, m.
     pub center_of_mass: Vec2<T>,
-    /// Height of the centre of mass above the ground, m.
+    /// Height of the center of mass above the ground, m.
     pub com_height: T,
 }
 
@@ -627,7 +627,7 @@ fn fixed_basis<T: Scalar>(wheels: &[Wheel<T>]) -> Result<([Row<T>; 3], usize), P
         [a, b] => {
             let c = cross3(a, b);
             let planar = (c[0] * c[0] + c[1] * c[1]).sqrt();
-            // Straight motion at 1 m/s, or a turn at 1 rad/s about the common centre.
+            // Straight motion at 1 m/s, or a turn at 1 rad/s about the common center.
             let unit = if nominal(c[2].abs()) > 1e-9 * nominal(planar) {
                 c[2]
             } else {

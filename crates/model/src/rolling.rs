@@ -266,7 +266,7 @@ impl<T: Scalar> Rolling<T> {
         let origin = self.platform.point_rows(Vec2::zero());
         let yaw = self.platform.yaw_row();
         for k in 0..n {
-            // Quadratic terms, gravity at the centres of mass, external wrench at P.
+            // Quadratic terms, gravity at the centers of mass, external wrench at P.
             let gyro = dot(n, &reduced.gyro[k], v) * yaw_rate;
             let weight =
                 reduced.momentum[0][k].mul_add(gravity.x, reduced.momentum[1][k] * gravity.y);
@@ -461,6 +461,9 @@ impl<T: Scalar> Rolling<T> {
             );
             (-yaw_rate).mul_add(along(&compiled.gyro[k], &v), weight + wrench)
         });
+        // Plain products: their sum over two wheels is the same whichever comes first, so that a
+        // mirrored robot moves as its mirror image to the last bit.
+        let mut pushed = [T::zero(); U];
         let (mut supplied, mut windings) = (T::zero(), T::zero());
         let (mut gears, mut friction) = (T::zero(), T::zero());
         let mut sticking = false;
@@ -481,7 +484,7 @@ impl<T: Scalar> Rolling<T> {
             let (torque, voltage, current) = self.drive(i, x, u[i], rate);
             let net = torque - lost;
             for k in 0..U {
-                v_rate[k] = compiled.push[w][k].mul_add(net, v_rate[k]);
+                pushed[k] += compiled.push[w][k] * net;
             }
             friction = lost.mul_add(rate, friction);
             let shaft = torque * rate;
@@ -497,6 +500,9 @@ impl<T: Scalar> Rolling<T> {
                     }
                 }
             }
+        }
+        for k in 0..U {
+            v_rate[k] += pushed[k];
         }
         if sticking && let Some((reduced, inverse)) = &self.constant {
             let mut mobility = Mobility::new(U, inverse);
@@ -983,7 +989,11 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
             Some(contacts) => {
                 let weight = mass * self.ground.gravity_normal;
                 let normal = self.ground.gravity_normal;
-                let height = body.com_height;
+                let mut height = body.com_height * body.mass;
+                for wheel in self.platform.wheels() {
+                    height = wheel.mass.mul_add(wheel.radius, height);
+                }
+                let height = height / mass;
                 contacts.loads(
                     &self.platform,
                     [

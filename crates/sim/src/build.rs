@@ -200,7 +200,7 @@ pub fn explain(error: &PlatformError) -> (String, String, &'static str) {
         ),
         PlatformError::Locked => (
             "wheel".into(),
-            "must leave a way to roll: the fixed wheels' axles have no common centre, got no motion".into(),
+            "must leave a way to roll: the fixed wheels' axles have no common center, got no motion".into(),
             "let some wheels swivel (steering kind \"free\") or give them rollers",
         ),
         PlatformError::RollerAngle(name) => (

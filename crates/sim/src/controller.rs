@@ -260,9 +260,16 @@ impl PathFollower {
         };
         let squared = path.speed_profile(&limits).iter().map(|v| v * v).collect();
         PathFollower {
-            inputs: [("x", "m"), ("y", "m"), ("yaw", "rad")]
-                .map(|(axis, unit)| port(format!("{robot}.{source}.{axis}"), unit))
-                .to_vec(),
+            // The true position serves only to report the true offset.
+            inputs: [
+                (source, "x", "m"),
+                (source, "y", "m"),
+                (source, "yaw", "rad"),
+                ("pose", "x", "m"),
+                ("pose", "y", "m"),
+            ]
+            .map(|(source, axis, unit)| port(format!("{robot}.{source}.{axis}"), unit))
+            .to_vec(),
             outputs: vec![
                 port(format!("{robot}.command.forward"), "m/s"),
                 port(format!("{robot}.command.left"), "m/s"),
@@ -312,12 +319,13 @@ impl Block for PathFollower {
         let [x, y, yaw] = [input[0], input[1], input[2]];
         let tuning = &self.tuning;
         let mut state = self.state;
-        let error = |s: f64| {
+        let error_of = |x: f64, y: f64, s: f64| {
             let (point, heading, curvature) = self.path.at(s);
             let (sin, cos) = Scalar::sin_cos(heading);
             let (dx, dy) = (x - point[0], y - point[1]);
             (dx * cos + dy * sin, dy * cos - dx * sin, heading, curvature)
         };
+        let error = |s: f64| error_of(x, y, s);
         // The foot of the robot on the path moves forward only, and no faster than twice the robot.
         for _ in 0..2 {
             let (along, offset, _, curvature) = error(state.progress);
@@ -357,10 +365,18 @@ impl Block for PathFollower {
         }
         // Speeds change no faster than the tuning allows; braking may use half as much again.
         state.speed = speed.max(state.speed - 1.5 * step);
-        let turn_step = 8.0 * tuning.yaw_rate * dt;
+        let turn_step = tuning.yaw_acceleration * dt;
         state.yaw_rate = yaw_rate.clamp(state.yaw_rate - turn_step, state.yaw_rate + turn_step);
+        let (ahead, ..) = error_of(input[3], input[4], state.progress);
+        let (_, true_offset, ..) = error_of(input[3], input[4], state.progress + ahead);
         self.state = state;
-        output.copy_from_slice(&[state.speed, 0.0, state.yaw_rate, offset, state.progress]);
+        output.copy_from_slice(&[
+            state.speed,
+            0.0,
+            state.yaw_rate,
+            true_offset,
+            state.progress,
+        ]);
         Ok(())
     }
 

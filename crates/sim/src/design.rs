@@ -65,7 +65,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
     add("mass", format!("{mass:.4} kg"), "with wheels");
     let center = center_of_mass(file, mass);
     add(
-        "centre of mass",
+        "center of mass",
         format!("({:.4}, {:.4}, {:.4}) m", center[0], center[1], center[2]),
         "whole robot; x forward, y left, z up",
     );
@@ -220,7 +220,7 @@ fn slope(sine: f64) -> String {
     }
 }
 
-/// Centre of mass of the whole robot, m; wheels at their mounts, at the height of their radius.
+/// Center of mass of the whole robot, m; wheels at their mounts, at the height of their radius.
 fn center_of_mass(file: &File, mass: f64) -> [f64; 3] {
     let mut sum = file.body.center_of_mass.map(|c| c * file.body.mass);
     for wheel in &file.wheel {

@@ -1,4 +1,4 @@
-//! Judge of the beacon tasks of models.md, section 9, one sample at a time.
+//! Judge of the beacon tasks of the chapter on tasks, one sample at a time.
 //!
 //! World frame, SI units. The trajectory between two samples is the straight segment between them.
 //! The judge passes at the first sample at which the trajectory so far fulfills the goal, and fails

@@ -1,7 +1,7 @@
 //! Layout of a beacon task: the arena, its beacons, the start, and the goal.
 //!
 //! World frame: x to the right, y up, the arena is [0, W] × [0, H]. The robot is a disc round its
-//! axle midpoint. The goals are those of models.md, section 9.
+//! axle midpoint. The goals are those of the chapter on tasks.
 
 use serde::{Deserialize, Serialize};
 

@@ -84,6 +84,9 @@ pub struct Summary {
     pub version: String,
     /// Time at the end, s.
     pub duration: f64,
+    /// What broke the run off, if anything did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
     /// The robots.
     pub robots: Vec<RobotSummary>,
 }
@@ -373,6 +376,7 @@ impl Run {
             seed: self.scenario.seed,
             version: self.header.version.clone(),
             duration: self.world.now(),
+            error: error.map(ToString::to_string),
             robots,
         }
     }
@@ -476,6 +480,15 @@ struct Gauge {
     commands: Vec<(usize, &'static str)>,
     currents: Vec<usize>,
     torques: Vec<usize>,
+    /// Columns of longitudinal force, lateral force and load of each wheel.
+    forces: Vec<[usize; 3]>,
+    /// Coefficient of friction of the ground, if it is known.
+    friction: Option<f64>,
+    loaded: bool,
+    /// Lowest load of a wheel, N.
+    load: f64,
+    /// Highest share of the friction limit, %.
+    demand: f64,
     speed: f64,
     command_square: f64,
     command_peak: f64,
@@ -493,7 +506,13 @@ impl<'a> Meter<'a> {
             .robot
             .iter()
             .map(|robot| {
-                let mut gauge = Gauge::default();
+                let friction = match scenario.terrain {
+                    Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
+                };
+                let mut gauge = Gauge {
+                    friction,
+                    ..Gauge::default()
+                };
                 let prefix = format!("robot.{}.", robot.name);
                 for (k, signal) in header.signals.iter().enumerate() {
                     let Some(path) = signal.path.strip_prefix(&prefix) else {
@@ -501,6 +520,7 @@ impl<'a> Meter<'a> {
                     };
                     for known in [
                         "twist.forward",
+                        "twist.left",
                         "path.offset",
                         "energy.supplied",
                         "energy.windings",
@@ -526,6 +546,10 @@ impl<'a> Meter<'a> {
                         }
                         if path.ends_with(".torque") {
                             gauge.torques.push(k);
+                        }
+                        if path.ends_with(".force.longitudinal") {
+                            // The lateral force and the load follow it.
+                            gauge.forces.push([k, k + 1, k + 2]);
                         }
                     }
                 }
@@ -560,7 +584,23 @@ impl<'a> Meter<'a> {
         let beacon = judged
             .get("beacon clearance index")
             .and_then(|&k| scenario.arena.beacon.get(k as usize));
+        let mut passed = 0;
         for (name, value, unit) in judge.metrics() {
+            if name == "offset" {
+                // One for each beacon of the chain, in order.
+                let beacon = match scenario.robot[robot].task.as_ref() {
+                    Some(crate::scenario::Task::Slalom { chain, .. }) => chain.get(passed).cloned(),
+                    _ => None,
+                };
+                passed += 1;
+                add(
+                    &format!("offset at {}", beacon.unwrap_or_default()),
+                    value,
+                    unit,
+                    String::new(),
+                );
+                continue;
+            }
             let note = match name {
                 "beacon clearance" => format!(
                     "{}, {:.2} s",
@@ -615,6 +655,27 @@ impl<'a> Meter<'a> {
                 String::new(),
             );
         }
+        if gauge.loaded {
+            let note = if gauge.load < 0.0 {
+                "below 0: a wheel would lift"
+            } else {
+                ""
+            };
+            add("lowest wheel load", gauge.load, "N", note.into());
+            if let Some(friction) = gauge.friction {
+                let note = if gauge.demand > 100.0 {
+                    "above 100: the wheels would slip"
+                } else {
+                    ""
+                };
+                let note = if note.is_empty() {
+                    format!("of μN, μ = {friction}")
+                } else {
+                    note.into()
+                };
+                add("highest friction used", gauge.demand, "%", note);
+            }
+        }
         let last = |key| gauge.last.get(key).copied();
         if let Some(supplied) = last("energy.supplied") {
             let heat = last("energy.windings").unwrap_or(0.0);
@@ -645,7 +706,10 @@ impl Recorder for Meter<'_> {
             gauge.rows += 1.0;
             for (&name, &k) in &gauge.columns {
                 match name {
-                    "twist.forward" => gauge.speed = gauge.speed.max(row[k].abs()),
+                    "twist.forward" => {
+                        let left = gauge.columns.get("twist.left").map_or(0.0, |&k| row[k]);
+                        gauge.speed = gauge.speed.max(crate::plant::speed(row[k], left));
+                    }
                     "path.offset" => {
                         gauge.offset_square += row[k] * row[k];
                         gauge.offset_peak = gauge.offset_peak.max(row[k].abs());
@@ -658,6 +722,28 @@ impl Recorder for Meter<'_> {
             for &(k, _) in &gauge.commands {
                 gauge.command_square += row[k] * row[k];
                 gauge.command_peak = gauge.command_peak.max(row[k].abs());
+            }
+            for &[along, across, load] in &gauge.forces {
+                // Without three contacts the loads are not known, and all are zero.
+                let known = gauge.forces.iter().any(|columns| row[columns[2]] != 0.0);
+                if known {
+                    gauge.load = if gauge.loaded {
+                        gauge.load.min(row[load])
+                    } else {
+                        row[load]
+                    };
+                    gauge.loaded = true;
+                    if let Some(friction) = gauge.friction {
+                        let force = crate::plant::speed(row[along], row[across]);
+                        // A wheel that just touches needs no friction for a force that is rounding.
+                        let share = if force < 1e-9 {
+                            0.0
+                        } else {
+                            100.0 * force / (friction * row[load]).max(1e-9)
+                        };
+                        gauge.demand = gauge.demand.max(share.min(1e6));
+                    }
+                }
             }
             for &k in &gauge.torques {
                 gauge.torque_peak = gauge.torque_peak.max(row[k].abs());
@@ -809,7 +895,6 @@ fn draw_wheel(wheel: &Wheel) -> Value {
     })
 }
 
-/// Clearance of a robot's disc to the nearest beacon, m.
 impl Layout {
     /// Distance between the robot's disc at `position` and the nearest beacon, m; negative inside.
     pub fn clearance(&self, position: [f64; 2]) -> f64 {

@@ -175,7 +175,8 @@ impl Block for Servo {
                 }
             };
             output[k] = command;
-            if !saturated {
+            // At a limit the integral may only lead away from it.
+            if !saturated || error * command < 0.0 {
                 self.state[count + k] += axle.gain * error * dt / self.integral_time;
             }
         }

@@ -1,24 +1,37 @@
-//! Chores of the project: `cargo xtask vectors DIR --out OUT`.
+//! Chores of the project; see `USAGE`.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+const USAGE: &str = "usage:
+  cargo xtask test                     every check: format, lints, licenses, types, tests
+  cargo xtask vectors DIR --out OUT    run the reference vectors of a folder
+  cargo xtask layouts DIR --out OUT    run the task layouts of a folder
+  cargo xtask docs                     write the book's reference pages";
+
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    match words.as_slice() {
+    let result = match words.as_slice() {
+        ["test"] => xtask::checks::run(&xtask::root()).map(|()| true),
         ["vectors", folder, "--out", out] => {
-            match xtask::vectors::run_folder(&PathBuf::from(folder), &PathBuf::from(out)) {
-                Ok(true) => ExitCode::SUCCESS,
-                Ok(false) => ExitCode::FAILURE,
-                Err(error) => {
-                    eprintln!("error: {folder}: {error}");
-                    ExitCode::from(2)
-                }
-            }
+            let done = xtask::vectors::run_folder(&PathBuf::from(folder), &PathBuf::from(out));
+            done.map_err(|error| format!("{folder}: {error}"))
         }
-        _ => {
-            eprintln!("usage: cargo xtask vectors DIR --out OUT");
+        ["layouts", folder, "--out", out] => {
+            let done = xtask::layouts::run_folder(&PathBuf::from(folder), &PathBuf::from(out));
+            done.map_err(|error| format!("{folder}: {error}"))
+        }
+        ["docs"] => xtask::docs::write(&xtask::root())
+            .map(|()| true)
+            .map_err(|error| error.to_string()),
+        _ => Err(USAGE.into()),
+    };
+    match result {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("{error}");
             ExitCode::from(2)
         }
     }

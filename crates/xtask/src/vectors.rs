@@ -700,19 +700,8 @@ pub fn deviations(vector: &Vector, rows: &[Vec<f64>]) -> Vec<(String, f64, f64)>
 /// Runs every vector of a folder adaptively and writes `<stem>.csv` beside a summary on the terminal.
 pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
     std::fs::create_dir_all(out)?;
-    let mut files: Vec<_> = std::fs::read_dir(folder)?
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .filter(|path| path.extension().is_some_and(|e| e == "json"))
-        .collect();
-    files.sort();
     let mut good = true;
-    for path in files {
-        let stem = path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let text = std::fs::read_to_string(&path)?;
+    for (stem, text) in crate::json_files(folder)? {
         let parsed: Result<Vector, _> = serde_json::from_str(&text);
         let vector = match parsed {
             Ok(vector) if vector.schema == "appell-vector/1" && vector.kind == "trajectory" => {

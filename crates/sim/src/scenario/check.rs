@@ -85,7 +85,7 @@ impl Checker {
             self.refuse(
                 path,
                 format!("must be a multiple of time.step = {step} s, got {period}"),
-                &format!("{near} would do"),
+                &format!("{} would do", (near * 1e9).round() / 1e9),
             );
         }
     }
@@ -397,6 +397,7 @@ fn check_controller(
         ("acceleration", follower.acceleration),
         ("lateral_acceleration", follower.lateral_acceleration),
         ("yaw_rate", follower.yaw_rate),
+        ("yaw_acceleration", follower.yaw_acceleration),
         ("lookahead", follower.lookahead),
     ] {
         c.positive(path(field), value);

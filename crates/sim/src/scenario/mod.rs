@@ -67,7 +67,8 @@ pub struct Time {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Integrator {
-    /// Runge–Kutta 4 where it is accurate at this step, else the exponential method.
+    /// Runge–Kutta 4 where it is accurate at this step, else the exponential method; where the
+    /// geometry of the wheels changes and the step is too long for Runge–Kutta, the adaptive one.
     #[default]
     Auto,
     /// Runge–Kutta 4 at the fixed step; refused where it would be unstable.
@@ -94,7 +95,7 @@ pub struct Arena {
 pub struct Beacon {
     /// Name, unique in the arena.
     pub name: String,
-    /// Centre, m.
+    /// Center, m.
     pub position: [f64; 2],
     /// Radius, m.
     #[serde(default = "defaults::beacon_radius")]
@@ -216,7 +217,7 @@ pub struct Platform {
     pub footprint: Vec<[f64; 2]>,
     /// The body without its wheels.
     pub body: Body,
-    /// 2 to 12 wheels.
+    /// 1 to 12 wheels.
     pub wheel: Vec<Wheel>,
 }
 
@@ -226,9 +227,9 @@ pub struct Platform {
 pub struct Body {
     /// Mass, kg.
     pub mass: f64,
-    /// Yaw inertia about its own centre of mass, kg·m².
+    /// Yaw inertia about its own center of mass, kg·m².
     pub inertia_com: f64,
-    /// Centre of mass in the base frame (x forward, y left, z above the ground), m.
+    /// Center of mass in the base frame (x forward, y left, z above the ground), m.
     pub center_of_mass: [f64; 3],
 }
 
@@ -321,8 +322,8 @@ pub struct Friction {
     /// Dry friction of bearing and gear at the axle, N·m; set-valued: it holds a wheel at rest.
     #[serde(default)]
     pub dry: f64,
-    /// Coefficient of rolling resistance: resisting force over normal load (static load on the
-    /// given slope).
+    /// Coefficient of rolling resistance: resisting force over normal load, with the load that the
+    /// wheel carries at rest on level ground, times the cosine of the slope.
     #[serde(default)]
     pub rolling: f64,
     /// Viscous coefficient of the pivot of a caster, N·m·s/rad.
@@ -478,6 +479,9 @@ pub struct Follower {
     /// Largest yaw rate, rad/s.
     #[serde(default = "defaults::yaw_rate")]
     pub yaw_rate: f64,
+    /// Largest change of the yaw rate, rad/s².
+    #[serde(default = "defaults::yaw_acceleration")]
+    pub yaw_acceleration: f64,
     /// Distance over which an offset from the path is driven out, m.
     #[serde(default = "defaults::lookahead")]
     pub lookahead: f64,
@@ -630,7 +634,7 @@ pub enum Task {
     Homing {
         /// Name of the beacon.
         beacon: String,
-        /// Largest distance between the base's origin and the beacon's centre, m.
+        /// Largest distance between the base's origin and the beacon's center, m.
         distance: f64,
         /// Speed below which it counts as stopped, m/s.
         #[serde(default = "defaults::stop_speed")]
@@ -771,6 +775,9 @@ mod defaults {
     }
     pub fn yaw_rate() -> f64 {
         2.0
+    }
+    pub fn yaw_acceleration() -> f64 {
+        6.0
     }
     pub fn lookahead() -> f64 {
         0.25

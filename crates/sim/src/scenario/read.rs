@@ -50,8 +50,16 @@ pub fn load_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Loade
     let folder = file.parent().unwrap_or(Path::new("")).to_owned();
     let (main, mut table) = parse(text, file, "").map_err(one)?;
     let mut sources = vec![main];
+    let (files, overrides_of_values): (Vec<_>, Vec<_>) = overrides
+        .iter()
+        .cloned()
+        .partition(|(path, _)| path.starts_with("robot.") && path.ends_with(".file"));
+    // Another robot is put in before anything in it is changed.
+    for (path, value) in &files {
+        set(&mut table, path, value).map_err(one)?;
+    }
     put_in_robots(&mut table, &folder, &mut sources).map_err(one)?;
-    for (path, value) in overrides {
+    for (path, value) in &overrides_of_values {
         set(&mut table, path, value).map_err(one)?;
     }
     let scenario: Scenario = shape(&table, &sources, overrides).map_err(one)?;
@@ -260,9 +268,8 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
             }
         }
         // A list takes its entry's name as well.
-        let listed = next_is_list(&segments, at, &next);
         tables = next;
-        at += if listed { 2 } else { 1 };
+        at += if LISTS.contains(&key) { 2 } else { 1 };
     }
     for table in tables {
         table.insert((*last).to_owned(), value.clone());
@@ -272,10 +279,6 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
 
 /// Lists of the format whose entries are addressed by name.
 const LISTS: [&str; 5] = ["robot", "beacon", "wheel", "sensor", "channel"];
-
-fn next_is_list(segments: &[&str], at: usize, _next: &[&mut Table]) -> bool {
-    LISTS.contains(&segments[at])
-}
 
 /// By what an entry of a list is addressed.
 fn entry_name(value: &Value) -> String {
@@ -405,7 +408,7 @@ fn locate(
 ) -> Diagnostic {
     let overridden = overrides
         .iter()
-        .any(|(set, _)| !path.is_empty() && (path == *set || matches_star(set, &path)));
+        .any(|(set, _)| !path.is_empty() && concerns(set, &path));
     if overridden {
         return Diagnostic {
             file: PathBuf::from("--set"),
@@ -435,10 +438,10 @@ fn locate(
     }
 }
 
-fn matches_star(pattern: &str, path: &str) -> bool {
-    let (pattern, path): (Vec<_>, Vec<_>) =
-        (pattern.split('.').collect(), path.split('.').collect());
-    pattern.len() == path.len() && pattern.iter().zip(&path).all(|(a, b)| *a == "*" || a == b)
+/// Whether a path set on the command line is the one at fault, or leads to it.
+fn concerns(set: &str, path: &str) -> bool {
+    let (set, path): (Vec<_>, Vec<_>) = (set.split('.').collect(), path.split('.').collect());
+    set.len() >= path.len() && set.iter().zip(&path).all(|(a, b)| *a == "*" || a == b)
 }
 
 /// Byte offset of the deepest item of `path` that the document has.

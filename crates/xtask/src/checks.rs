@@ -1,0 +1,137 @@
+//! `cargo xtask test`: everything that must hold before a change is good, on a fresh machine too.
+
+use std::path::Path;
+use std::process::Command;
+
+/// A step: what it is called, and the command.
+struct Step {
+    name: &'static str,
+    program: &'static str,
+    arguments: Vec<&'static str>,
+}
+
+fn step(name: &'static str, program: &'static str, arguments: &[&'static str]) -> Step {
+    Step {
+        name,
+        program,
+        arguments: arguments.to_vec(),
+    }
+}
+
+/// Runs all checks in order; stops at the first that fails.
+pub fn run(root: &Path) -> Result<(), String> {
+    provide(root)?;
+    let steps = [
+        step("format", "cargo", &["fmt", "--all", "--check"]),
+        step(
+            "lints",
+            "cargo",
+            &[
+                "clippy",
+                "--release",
+                "--workspace",
+                "--all-targets",
+                "--",
+                "-D",
+                "warnings",
+            ],
+        ),
+        step(
+            "licenses and sources",
+            "cargo",
+            &["deny", "check", "bans", "licenses", "sources"],
+        ),
+        step(
+            "types of the page's modules",
+            "npx",
+            &[
+                "--yes",
+                "--package",
+                "typescript@5.9",
+                "tsc",
+                "--project",
+                "crates/sim/web",
+            ],
+        ),
+        // Debug and release must give the same bits: the tests compare the two binaries.
+        step("debug build", "cargo", &["build", "--package", "appell"]),
+        step(
+            "release build",
+            "cargo",
+            &["build", "--release", "--package", "appell"],
+        ),
+        step("tests", "cargo", &["test", "--release", "--workspace"]),
+    ];
+    for step in steps {
+        println!(
+            "\n== {}: {} {}",
+            step.name,
+            step.program,
+            step.arguments.join(" ")
+        );
+        let status = Command::new(step.program)
+            .args(&step.arguments)
+            .current_dir(root)
+            .status();
+        match status {
+            Ok(status) if status.success() => {}
+            Ok(status) => return Err(format!("{}: {status}", step.name)),
+            Err(error) => {
+                return Err(format!(
+                    "{}: {} cannot be started: {error}",
+                    step.name, step.program
+                ));
+            }
+        }
+    }
+    println!("\nall checks passed");
+    Ok(())
+}
+
+/// Installs what the checks need and the machine lacks. Nothing is skipped in silence: what cannot
+/// be had is an error that says how to get it.
+fn provide(root: &Path) -> Result<(), String> {
+    let works = |program: &str, arguments: &[&str]| {
+        let output = Command::new(program)
+            .args(arguments)
+            .current_dir(root)
+            .output();
+        output.is_ok_and(|output| output.status.success())
+    };
+    let need =
+        |what: &str, present: bool, program: &str, arguments: &[&str]| -> Result<(), String> {
+            if present {
+                return Ok(());
+            }
+            println!("== installing {what}: {program} {}", arguments.join(" "));
+            let done = Command::new(program)
+                .args(arguments)
+                .current_dir(root)
+                .status();
+            if done.is_ok_and(|status| status.success()) {
+                Ok(())
+            } else {
+                Err(format!(
+                    "{what} is missing; install it and run the checks again"
+                ))
+            }
+        };
+    need(
+        "rustfmt and clippy",
+        works("cargo", &["fmt", "--version"]) && works("cargo", &["clippy", "--version"]),
+        "rustup",
+        &["component", "add", "rustfmt", "clippy"],
+    )?;
+    need(
+        "cargo-deny",
+        works("cargo", &["deny", "--version"]),
+        "cargo",
+        &["install", "cargo-deny", "--locked"],
+    )?;
+    need(
+        "npx (Node)",
+        works("npx", &["--version"]),
+        "sh",
+        &["-c", "apt-get update && apt-get install --yes nodejs npm"],
+    )
+}
