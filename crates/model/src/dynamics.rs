@@ -59,6 +59,8 @@ pub struct Held<'a, T>(pub &'a [T]);
 impl<T: Scalar> Input<T> for Held<'_, T> {
     #[inline(always)]
     fn at(&self, _t: f64, u: &mut [T]) {
-        u.copy_from_slice(self.0);
+        for k in 0..self.0.len() {
+            u[k] = self.0[k];
+        }
     }
 }

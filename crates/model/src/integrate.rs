@@ -108,7 +108,9 @@ mod rk4 {
                     (&mut self.slope[..n], &mut self.sum[..n], &mut self.stage[..n]);
                 input.at(t, &mut self.input);
                 system.decide(x, &self.input, mode);
-                stage.copy_from_slice(x);
+                for k in 0..n {
+                    stage[k] = x[k];
+                }
                 const AHEAD: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
                 const WEIGHT: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
                 for i in 0..4 {
@@ -188,9 +190,9 @@ mod etd {
         #[inline(always)]
         fn renew<S: Dynamics<T>>(&mut self, system: &S, mode: &[T], dt: f64) {
             let mut changed = T::Mask::splat(dt != self.step);
-            for (old, new) in self.signature.iter().zip(mode) {
+            for k in 0..mode.len() {
                 // Only rest matters for the linear part, not the sense of motion.
-                let moved = (new.abs() - old.abs()).abs();
+                let moved = (mode[k].abs() - self.signature[k].abs()).abs();
                 changed = changed.or(T::zero().less(moved));
             }
             if changed.any() {
@@ -226,62 +228,67 @@ mod etd {
                 x: &mut [T],
                 mode: &mut [T],
             ) {
-                let n = x.len();
-                let size = self.size;
+                let (n, size) = (x.len(), self.size);
                 input.at(t, &mut self.input);
                 system.decide(x, &self.input, mode);
                 self.renew(system, mode, dt);
-                let range = self.range.clone();
-                self.start[..n].copy_from_slice(x);
-                self.stage[..n].copy_from_slice(x);
-                // The start, then the middle, which gives what is not linear, then the outer nodes.
-                const ORDER: [Option<usize>; 4] = [None, Some(MIDDLE), Some(0), Some(2)];
-                for (stage, node) in ORDER.into_iter().enumerate() {
-                    let share = node.map_or(0.0, |node| SHARES[node]);
-                    if let Some(node) = node {
-                        let ahead = T::from(share * dt);
-                        let (late, early) = (T::from(share), T::from(1.0 - share));
-                        let [first, middle, ..] = &self.slopes;
-                        for k in 0..n {
-                            let slope = if stage == 1 {
-                                first[k]
-                            } else {
-                                early.mul_add(first[k], late * middle[k])
-                            };
-                            self.stage[k] = ahead.mul_add(slope, x[k]);
-                        }
-                        self.propagators[node].apply(
-                            size,
-                            &self.start[range.clone()],
-                            &self.rest,
-                            &mut self.stage[range.clone()],
-                        );
-                    }
-                    input.at(t + share * dt, &mut self.input);
-                    let slope = &mut self.slopes[stage];
-                    system.derivative(&self.stage, &self.input, mode, slope);
-                    if stage <= 1 {
-                        remainder(
-                            size,
-                            &self.linear,
-                            &self.stage[range.clone()],
-                            &slope[range.clone()],
-                            &mut self.rest,
-                        );
-                    }
+                let Self {
+                    range,
+                    linear,
+                    propagators,
+                    slopes,
+                    stage,
+                    start,
+                    rest,
+                    input: u,
+                    ..
+                } = self;
+                // Slices of one length: the loops over states then run without checks, on lanes.
+                let range = range.clone();
+                let stage = &mut stage[..n];
+                let [first, middle, early, late] = slopes;
+                let (first, middle) = (&mut first[..n], &mut middle[..n]);
+                let (early, late) = (&mut early[..n], &mut late[..n]);
+                let start = &mut start[..size];
+                for k in 0..size {
+                    start[k] = x[range.start + k];
                 }
-                let [_, middle, first, last] = &self.slopes;
+
+                system.derivative(x, u, mode, first);
+                remainder(size, linear, start, &first[range.clone()], rest);
+
+                // The middle of the step, which gives what is not linear.
+                let half = T::from(0.5 * dt);
+                for k in 0..n {
+                    stage[k] = half.mul_add(first[k], x[k]);
+                }
+                propagators[MIDDLE].apply(size, start, rest, &mut stage[range.clone()]);
+                input.at(t + 0.5 * dt, u);
+                system.derivative(stage, u, mode, middle);
+                remainder(size, linear, &stage[range.clone()], &middle[range.clone()], rest);
+
+                // The outer nodes of the quadrature.
+                const OUTER: [usize; 2] = [0, 2];
+                for side in 0..2 {
+                    let share = SHARES[OUTER[side]];
+                    let before = T::from(share * dt * (1.0 - share));
+                    let after = T::from(share * dt * share);
+                    for k in 0..n {
+                        let moved = before.mul_add(first[k], x[k]);
+                        stage[k] = after.mul_add(middle[k], moved);
+                    }
+                    propagators[OUTER[side]].apply(size, start, rest, &mut stage[range.clone()]);
+                    input.at(t + share * dt, u);
+                    let slope = if side == 0 { &mut *early } else { &mut *late };
+                    system.derivative(stage, u, mode, slope);
+                }
                 let (outer, inner) = (T::from(dt * (5.0 / 18.0)), T::from(dt * (8.0 / 18.0)));
                 for k in 0..n {
-                    x[k] += inner.mul_add(middle[k], outer * (first[k] + last[k]));
+                    let sum = inner.mul_add(middle[k], x[k]);
+                    x[k] = outer.mul_add(early[k] + late[k], sum);
                 }
-                self.propagators[END].apply(
-                    size,
-                    &self.start[range.clone()],
-                    &self.rest,
-                    &mut x[range],
-                );
-                system.settle(x, &self.input, mode);
+                propagators[END].apply(size, start, rest, &mut x[range]);
+                system.settle(x, u, mode);
             }
         }
     }
@@ -291,13 +298,17 @@ impl<T: Scalar> Propagator<T> {
     /// z ← e^{Ah} z₀ + (∫ e^{As} ds) N.
     #[inline(always)]
     fn apply(&self, size: usize, start: &[T], rest: &[T], z: &mut [T]) {
+        // Index loops: iterators are functions of their own and keep the step's instruction set out.
+        let (start, rest) = (&start[..size], &rest[..size]);
         for i in 0..size {
-            let mut sum = T::zero();
+            let exponential = &self.exponential[i * size..(i + 1) * size];
+            let integral = &self.integral[i * size..(i + 1) * size];
+            let (mut free, mut forced) = (T::zero(), T::zero());
             for k in 0..size {
-                sum = self.exponential[i * size + k].mul_add(start[k], sum);
-                sum = self.integral[i * size + k].mul_add(rest[k], sum);
+                free = exponential[k].mul_add(start[k], free);
+                forced = integral[k].mul_add(rest[k], forced);
             }
-            z[i] = sum;
+            z[i] = free + forced;
         }
     }
 }
@@ -305,10 +316,12 @@ impl<T: Scalar> Propagator<T> {
 /// N = ż − A z.
 #[inline(always)]
 fn remainder<T: Scalar>(size: usize, linear: &[T], z: &[T], rate: &[T], rest: &mut [T]) {
+    let z = &z[..size];
     for i in 0..size {
+        let row = &linear[i * size..(i + 1) * size];
         let mut sum = rate[i];
         for k in 0..size {
-            sum = (-linear[i * size + k]).mul_add(z[k], sum);
+            sum = (-row[k]).mul_add(z[k], sum);
         }
         rest[i] = sum;
     }

@@ -203,6 +203,14 @@ pub struct Convective<T> {
     pub spin: T,
 }
 
+/// Writes cosine and sine of the angle at `at` behind it.
+#[inline(always)]
+fn renew_angle<T: Scalar>(x: &mut [T], at: usize) {
+    let (sin, cos) = x[at].sin_cos();
+    x[at + 1] = cos;
+    x[at + 2] = sin;
+}
+
 fn nominal<T: Scalar>(value: T) -> f64 {
     value.lane(0)
 }
@@ -327,11 +335,9 @@ impl<T: Scalar> Platform<T> {
     /// Renews the cosines and sines that the state carries beside its angles.
     #[inline(always)]
     pub fn renew_angles(&self, x: &mut [T]) {
-        let angles = (0..self.layout.swivels.len()).map(|k| self.layout.swivel(k));
-        for at in core::iter::once(YAW).chain(angles) {
-            let (sin, cos) = x[at].sin_cos();
-            x[at + 1] = cos;
-            x[at + 2] = sin;
+        renew_angle(x, YAW);
+        for k in 0..self.layout.swivels.len() {
+            renew_angle(x, self.layout.swivel(k));
         }
     }
 

@@ -32,6 +32,7 @@ pub struct Rolling<T: Scalar> {
     current: [Option<usize>; MAX_WHEELS],
     /// Wheels with any dry friction or brake.
     rubs: [bool; MAX_WHEELS],
+    any_rubs: bool,
     /// Static loads on level ground times cos of the slope, N, shared by compliance.
     contacts: Option<Contacts<T>>,
 }
@@ -160,6 +161,7 @@ impl<T: Scalar> Rolling<T> {
             axle,
             current,
             rubs,
+            any_rubs: rubs.contains(&true),
             contacts,
         }
     }
@@ -446,21 +448,30 @@ impl<T: Scalar> Rolling<T> {
     ) {
         let layout = self.platform.layout();
         let at = layout.velocity();
-        let v: [T; U] = core::array::from_fn(|k| x[at + k]);
+        // Loops, not closures: a closure is a function of its own, compiled without the instruction
+        // set that the step was entered with.
+        let mut v = [T::zero(); U];
+        for k in 0..U {
+            v[k] = x[at + k];
+        }
         let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
         let velocity = vec2(along(&compiled.twist[0], &v), along(&compiled.twist[1], &v));
         let yaw_rate = along(&compiled.twist[2], &v);
         let gravity = self.ground.gravity.rotated(cos, -sin);
-        let outside: [T; 3] = core::array::from_fn(|k| u[layout.wrench_input() + k]);
-        let mut v_rate: [T; U] = core::array::from_fn(|k| {
+        let mut outside = [T::zero(); 3];
+        for k in 0..3 {
+            outside[k] = u[layout.wrench_input() + k];
+        }
+        let mut v_rate = [T::zero(); U];
+        for k in 0..U {
             let weight =
                 compiled.weight[0][k].mul_add(gravity.x, compiled.weight[1][k] * gravity.y);
             let wrench = compiled.wrench[0][k].mul_add(
                 outside[0],
                 compiled.wrench[1][k].mul_add(outside[1], compiled.wrench[2][k] * outside[2]),
             );
-            (-yaw_rate).mul_add(along(&compiled.gyro[k], &v), weight + wrench)
-        });
+            v_rate[k] = (-yaw_rate).mul_add(along(&compiled.gyro[k], &v), weight + wrench);
+        }
         // Plain products: their sum over two wheels is the same whichever comes first, so that a
         // mirrored robot moves as its mirror image to the last bit.
         let mut pushed = [T::zero(); U];
@@ -468,7 +479,8 @@ impl<T: Scalar> Rolling<T> {
         let (mut gears, mut friction) = (T::zero(), T::zero());
         let mut sticking = false;
         let mut stuck = [T::Mask::splat(false); MAX_WHEELS];
-        for (w, &i) in compiled.wheels.iter().enumerate() {
+        for w in 0..W {
+            let i = compiled.wheels[w];
             let wheel = &self.platform.wheels()[i];
             let mut rate = along(&compiled.spin[w], &v);
             let mut lost = T::zero();
@@ -513,8 +525,8 @@ impl<T: Scalar> Rolling<T> {
             dx[at + k] = v_rate[k];
         }
         self.pose_rates(x, velocity, yaw_rate, dx);
-        for (k, &i) in layout.swivels.iter().enumerate() {
-            self.follow(k, i, x, velocity, yaw_rate, dx);
+        for k in 0..layout.swivels.len() {
+            self.follow(k, layout.swivels[k], x, velocity, yaw_rate, dx);
         }
         supplied += outside[0].mul_add(
             velocity.x,
@@ -761,7 +773,12 @@ impl<T: Scalar> Rolling<T> {
         let n = layout.dof();
         let v = &x[layout.velocity()..layout.velocity() + n];
         let v_rate = self.acceleration(x, reduced, forces);
-        let held = self.holding_torques(x, reduced, forces);
+        let sticking = (0..layout.wheels).any(|i| forces.stuck[i].any());
+        let held = if sticking {
+            self.holding_torques(x, reduced, forces)
+        } else {
+            [T::zero(); MAX_WHEELS]
+        };
         let (linear, angular) = self.platform.twist(&v_rate);
         let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
 
@@ -1014,7 +1031,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     #[inline(always)]
     fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
         let layout = self.platform.layout();
-        if !self.rubs[..layout.wheels].iter().any(|&rubs| rubs) {
+        if !self.any_rubs {
             return;
         }
         let varying;
@@ -1051,8 +1068,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         let n = layout.dof();
         self.platform.renew_angles(x);
         let steered = !layout.steered.is_empty();
-        let rubs = self.rubs[..layout.wheels].iter().any(|&rubs| rubs);
-        if !steered && !rubs {
+        if !steered && !self.any_rubs {
             return;
         }
         let varying;

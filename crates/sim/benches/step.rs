@@ -47,6 +47,15 @@ struct Hand {
 
 type HandState = [f64; 11];
 
+#[inline(always)]
+fn ahead(x: &HandState, k: &HandState, h: f64) -> HandState {
+    let mut moved = *x;
+    for i in 0..moved.len() {
+        moved[i] = h.mul_add(k[i], x[i]);
+    }
+    moved
+}
+
 impl Hand {
     #[inline(always)]
     fn rate(&self, x: &HandState, u: [f64; 2]) -> HandState {
@@ -77,9 +86,6 @@ impl Hand {
 
     #[inline(always)]
     fn step_plain(&self, x: &mut HandState, u: [f64; 2], h: f64) {
-        let ahead = |x: &HandState, k: &HandState, h: f64| -> HandState {
-            std::array::from_fn(|i| h.mul_add(k[i], x[i]))
-        };
         let a = self.rate(x, u);
         let b = self.rate(&ahead(x, &a, 0.5 * h), u);
         let c = self.rate(&ahead(x, &b, 0.5 * h), u);
