@@ -206,12 +206,12 @@ pub fn explain(error: &PlatformError) -> (String, String, &'static str) {
         PlatformError::RollerAngle(name) => (
             format!("wheel.{name}.rim.angle_deg"),
             "must be between -85 and 85".into(),
-            "",
+            "45 for mecanum wheels, 0 for omni wheels",
         ),
         PlatformError::RollersOnCaster(name) => (
             format!("wheel.{name}.rim"),
-            "must be plain on a wheel that swivels freely".into(),
-            "",
+            "must be plain on a wheel that swivels freely, got rollers".into(),
+            "leave the rim out, or give the wheel a steering of kind \"fixed\"",
         ),
         PlatformError::NoTrail(name) => (
             format!("wheel.{name}.steering.trail"),

@@ -29,7 +29,7 @@ impl Checker {
             value > 0.0 && value.is_finite(),
             path,
             "a finite number > 0",
-            value,
+            number(value),
         );
     }
 
@@ -38,7 +38,7 @@ impl Checker {
             value >= 0.0 && value.is_finite(),
             path,
             "a finite number >= 0",
-            value,
+            number(value),
         );
     }
 
@@ -48,6 +48,16 @@ impl Checker {
 
     fn share(&mut self, path: String, value: f64) {
         self.require(value > 0.0 && value <= 1.0, path, "in (0, 1]", value);
+    }
+
+    fn schema(&mut self, path: String, schema: u32) {
+        if schema != SCHEMA {
+            self.refuse(
+                path,
+                format!("must be {SCHEMA}, got {schema}"),
+                "this program reads no other version of the format",
+            );
+        }
     }
 
     fn name(&mut self, path: String, name: &str) {
@@ -61,13 +71,14 @@ impl Checker {
         }
     }
 
-    fn unique<'a>(&mut self, path: &str, names: impl Iterator<Item = &'a str>) {
+    /// Names of a list's entries, by which paths address them; `field` is the key of the name.
+    fn unique<'a>(&mut self, list: &str, field: &str, names: impl Iterator<Item = &'a str>) {
         let mut seen = BTreeSet::new();
-        for name in names {
+        for (index, name) in names.enumerate() {
             if !seen.insert(name) {
                 self.refuse(
-                    format!("{path}.{name}"),
-                    "must have a name of its own, got one twice",
+                    format!("{list}.{index}.{field}"),
+                    format!("must differ from the others, got \"{name}\" twice"),
                     "paths address entries by their names",
                 );
             }
@@ -80,22 +91,41 @@ impl Checker {
             self.positive(path, period);
             return;
         }
-        if ticks(period, step).is_none() {
+        if period / step >= TICKS_MAX {
+            let (limit, got) = (number(TICKS_MAX), number(period));
+            self.refuse(
+                path,
+                format!("must be less than {limit} steps of {step} s, got {got}"),
+                "choose a shorter time, or a longer time.step",
+            );
+        } else if ticks(period, step).is_none() {
             let near = (period / step).round().max(1.0) * step;
             self.refuse(
                 path,
-                format!("must be a multiple of time.step = {step} s, got {period}"),
+                format!("must be a multiple of time.step = {step} s, got {}", number(period)),
                 &format!("{} would do", (near * 1e9).round() / 1e9),
             );
         }
     }
 }
 
+/// A number as people write it, with an exponent where the digits would be many.
+fn number(value: f64) -> String {
+    if value == 0.0 || (1e-5..1e16).contains(&value.abs()) {
+        value.to_string()
+    } else {
+        format!("{value:?}")
+    }
+}
+
+/// Steps of a run are counted up to here.
+const TICKS_MAX: f64 = 1e12;
+
 /// Number of steps in a period, if it is whole.
 pub fn ticks(period: f64, step: f64) -> Option<u64> {
     let count = (period / step).round();
     // A decimal such as 0.01/0.001 is off by some ulps; a millionth of a step is not meant.
-    let whole = (period - count * step).abs() <= 1e-9 * period && (1.0..1e12).contains(&count);
+    let whole = (period - count * step).abs() <= 1e-9 * period && (1.0..TICKS_MAX).contains(&count);
     whole.then_some(count as u64)
 }
 
@@ -104,12 +134,7 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
     let mut c = Checker {
         problems: Vec::new(),
     };
-    c.require(
-        scenario.schema == SCHEMA,
-        "schema".into(),
-        "1",
-        scenario.schema,
-    );
+    c.schema("schema".into(), scenario.schema);
     c.name("name".into(), &scenario.name);
     let step = scenario.time.step;
     c.positive("time.step".into(), step);
@@ -118,7 +143,7 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
         scenario.time.tolerance >= 1e-13 && scenario.time.tolerance <= 1e-2,
         "time.tolerance".into(),
         "in [1e-13, 0.01]",
-        scenario.time.tolerance,
+        number(scenario.time.tolerance),
     );
     if !c.problems.is_empty() {
         return c.problems;
@@ -134,7 +159,7 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
             "add a [[robot]] table",
         );
     }
-    c.unique("robot", scenario.robot.iter().map(|r| r.name.as_str()));
+    c.unique("robot", "name", scenario.robot.iter().map(|r| r.name.as_str()));
     for robot in &scenario.robot {
         check_robot(&mut c, robot, scenario, folder);
     }
@@ -156,7 +181,7 @@ fn check_arena(c: &mut Checker, arena: &Arena) {
             arena.size[k] > 0.0 && arena.size[k] <= 1e4,
             "arena.size".into(),
             &format!("a {axis} in (0, 10000] m"),
-            arena.size[k],
+            number(arena.size[k]),
         );
     }
     let count = arena.beacon.len();
@@ -167,7 +192,8 @@ fn check_arena(c: &mut Checker, arena: &Arena) {
             "each is a [[arena.beacon]] table with name and position",
         );
     }
-    c.unique("arena.beacon", arena.beacon.iter().map(|b| b.name.as_str()));
+    let names = arena.beacon.iter().map(|b| b.name.as_str());
+    c.unique("arena.beacon", "name", names);
     for beacon in &arena.beacon {
         let path = |field: &str| format!("arena.beacon.{}.{field}", beacon.name);
         c.name(path("name"), &beacon.name);
@@ -195,12 +221,13 @@ fn check_terrain(c: &mut Checker, terrain: &Terrain) {
             gravity,
             friction,
         } => {
-            c.require(
-                (0.0..=60.0).contains(slope_deg),
-                "terrain.slope_deg".into(),
-                "in [0, 60]",
-                slope_deg,
-            );
+            if !(0.0..=60.0).contains(slope_deg) {
+                c.refuse(
+                    "terrain.slope_deg",
+                    format!("must be in [0, 60], got {}", number(*slope_deg)),
+                    "for another direction turn terrain.downhill_heading_deg",
+                );
+            }
             c.finite("terrain.downhill_heading_deg".into(), *downhill_heading_deg);
             (gravity, friction)
         }
@@ -268,7 +295,7 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
         check_sensor(c, sensor, &base, step);
     }
     let kinds = robot.sensor.iter().map(sensor_kind);
-    c.unique(&path("sensor"), kinds);
+    c.unique(&path("sensor"), "kind", kinds);
     if let Some(period) = robot.servo.period {
         c.period(path("servo.period"), period, step);
     }
@@ -360,7 +387,8 @@ fn check_controller(
         Controller::Slalom(follower) => ("slalom", follower),
         Controller::Signals { period, channel } => {
             c.period(path("period"), *period, scenario.time.step);
-            c.unique(&path("channel"), channel.iter().map(|ch| ch.to.as_str()));
+            let names = channel.iter().map(|ch| ch.to.as_str());
+            c.unique(&path("channel"), "to", names);
             for channel in channel {
                 check_channel(c, channel, &base, robot, driven, folder);
             }
@@ -475,8 +503,8 @@ fn check_channel(
             c.require(
                 to_time > from_time,
                 path("signal.to_time"),
-                "later than from_time",
-                to_time,
+                &format!("later than from_time = {}", number(*from_time)),
+                number(*to_time),
             );
         }
         Signal::Sine {
@@ -585,10 +613,17 @@ fn check_task(c: &mut Checker, task: &Task, base: &str, arena: &Arena) {
                 c.refuse(
                     path("chain"),
                     format!("must name at least two beacons, got {}", chain.len()),
-                    "",
+                    "a slalom passes its beacons on alternating sides",
                 );
             }
-            c.unique(&path("chain"), chain.iter().map(String::as_str));
+            let mut passed = BTreeSet::new();
+            for beacon in chain.iter().filter(|beacon| !passed.insert(*beacon)) {
+                c.refuse(
+                    path("chain"),
+                    format!("must name each beacon once, got \"{beacon}\" twice"),
+                    "give the place a second beacon, or shorten the chain",
+                );
+            }
             chain.iter().for_each(|b| known(c, "chain", b));
             c.positive(path("offset_max"), *offset_max);
         }
@@ -597,7 +632,11 @@ fn check_task(c: &mut Checker, task: &Task, base: &str, arena: &Arena) {
 
 fn two(c: &mut Checker, beacons: &[String; 2], path: &str) {
     if beacons[0] == beacons[1] {
-        c.refuse(path, "must be two different beacons", "");
+        c.refuse(
+            path,
+            format!("must be two different beacons, got \"{}\" twice", beacons[0]),
+            "the way leads between them",
+        );
     }
 }
 
@@ -610,12 +649,7 @@ fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str) {
         }
     };
     let before = c.problems.len();
-    c.require(
-        platform.schema == SCHEMA,
-        path("schema"),
-        "1",
-        platform.schema,
-    );
+    c.schema(path("schema"), platform.schema);
     c.name(path("name"), &platform.name);
     c.positive(path("collision_radius"), platform.collision_radius);
     c.positive(path("body.mass"), platform.body.mass);
@@ -634,10 +668,8 @@ fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str) {
     for corner in platform.footprint.iter().flatten() {
         c.finite(path("footprint"), *corner);
     }
-    c.unique(
-        &path("wheel"),
-        platform.wheel.iter().map(|w| w.name.as_str()),
-    );
+    let names = platform.wheel.iter().map(|w| w.name.as_str());
+    c.unique(&path("wheel"), "name", names);
     for wheel in &platform.wheel {
         wheel_rules(c, wheel, &path(&format!("wheel.{}", wheel.name)));
     }
@@ -674,21 +706,24 @@ fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
         Steering::Fixed { angle_deg } => c.finite(path("steering.angle_deg"), angle_deg),
         Steering::Free { trail, angle_deg } => {
             c.finite(path("steering.angle_deg"), angle_deg);
-            c.require(
-                trail.is_finite() && trail != 0.0,
-                path("steering.trail"),
-                "finite and not 0",
-                trail,
-            );
+            if !(trail.is_finite() && trail != 0.0) {
+                c.refuse(
+                    path("steering.trail"),
+                    format!("must be finite and not 0, got {trail}"),
+                    "a caster swivels because its contact trails the pivot",
+                );
+            }
         }
     }
     if let Rim::Rollers { angle_deg } = wheel.rim {
-        c.require(
-            angle_deg.abs() < 85.0,
-            path("rim.angle_deg"),
-            "between -85 and 85: rollers along the wheel resist nothing",
-            angle_deg,
-        );
+        let good = angle_deg.abs() < 85.0;
+        if !good {
+            c.refuse(
+                path("rim.angle_deg"),
+                format!("must be between -85 and 85, got {}", number(angle_deg)),
+                "45 for mecanum wheels, 0 for omni wheels; rollers across the axle resist nothing",
+            );
+        }
     }
     match &wheel.drive {
         Drive::None => {}

@@ -5,9 +5,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Unexpected};
 use toml::{Table, Value};
-use toml_edit::{Document, Item};
+use toml_edit::{Document, Item, TableLike};
 
 use super::{Diagnostic, Diagnostics, Platform, Scenario, check};
 
@@ -49,6 +49,13 @@ pub fn load(file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
 pub fn load_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
     let folder = file.parent().unwrap_or(Path::new("")).to_owned();
     let (main, mut table) = parse(text, file, "").map_err(one)?;
+    if table.contains_key("wheel") && !is_scenario(&table) {
+        return Err(one(plain(
+            file,
+            "must be a scenario, got a robot file".into(),
+            Some("name it in the [[robot]] table of a scenario: file = \"…\""),
+        )));
+    }
     let mut sources = vec![main];
     let (files, overrides_of_values): (Vec<_>, Vec<_>) = overrides
         .iter()
@@ -110,6 +117,11 @@ fn plain(file: &Path, problem: String, hint: Option<&str>) -> Diagnostic {
     }
 }
 
+/// Whether a table has what only scenarios have.
+fn is_scenario(table: &Table) -> bool {
+    table.contains_key("robot") || table.contains_key("arena")
+}
+
 fn read_text(file: &Path) -> Result<String, Diagnostic> {
     let mut bytes = Vec::new();
     let opened = File::open(file).and_then(|open| {
@@ -133,27 +145,32 @@ fn read_text(file: &Path) -> Result<String, Diagnostic> {
         ));
     }
     String::from_utf8(bytes).map_err(|error| {
-        plain(
-            file,
-            format!(
-                "must be UTF-8 text, got another byte at offset {}",
-                error.utf8_error().valid_up_to()
-            ),
-            None,
-        )
+        let offset = error.utf8_error().valid_up_to();
+        let byte = error.as_bytes()[offset];
+        Diagnostic {
+            at: Some(line_column(error.as_bytes(), offset)),
+            ..plain(
+                file,
+                format!("must be UTF-8 text, got the byte {byte:#04x}"),
+                Some("save the file with the encoding UTF-8"),
+            )
+        }
     })
 }
 
 fn parse(text: &str, file: &Path, prefix: &str) -> Result<(Source, Table), Diagnostic> {
-    let syntax = |message: &str, span: Option<std::ops::Range<usize>>| Diagnostic {
-        file: file.to_owned(),
-        at: span.map(|span| line_column(text, span.start)),
-        path: String::new(),
-        problem: format!("not valid TOML: {}", message.trim()),
-        hint: Some(
-            "strings stand in quotes, tables in [brackets], lists of tables in [[double brackets]]"
-                .into(),
-        ),
+    let syntax = |message: &str, span: Option<std::ops::Range<usize>>| {
+        let (message, hint) = explain_syntax(message.trim());
+        let word = span.clone().and_then(|span| text.get(span)).unwrap_or("");
+        let got = if (1..=40).contains(&word.trim().len()) && !word.contains('\n') {
+            format!(": {}", word.trim())
+        } else {
+            String::new()
+        };
+        Diagnostic {
+            at: span.map(|span| line_column(text.as_bytes(), span.start)),
+            ..plain(file, format!("not valid TOML: {message}{got}"), Some(hint))
+        }
     };
     let document =
         Document::parse(text.to_owned()).map_err(|error| syntax(error.message(), error.span()))?;
@@ -166,6 +183,20 @@ fn parse(text: &str, file: &Path, prefix: &str) -> Result<(Source, Table), Diagn
         prefix: prefix.to_owned(),
     };
     Ok((source, table))
+}
+
+/// What a TOML parser says, with a remedy.
+fn explain_syntax(message: &str) -> (&str, &'static str) {
+    let hint = if message.contains("overflow") {
+        "numbers lie within 1.8e308, whole numbers within 9.2e18"
+    } else if message.contains("duplicate key") {
+        "each key stands once in its table"
+    } else if message.contains("recursion limit") {
+        "no key of these files is nested that deeply"
+    } else {
+        "strings stand in quotes, tables in [brackets], lists of tables in [[double brackets]]"
+    };
+    (message, hint)
 }
 
 /// Puts each robot's file in as its platform.
@@ -207,6 +238,12 @@ fn put_in_robots(
             }
         };
         let (source, platform) = parse(&text, &full, &format!("robot.{name}.platform"))?;
+        if is_scenario(&platform) {
+            return Err(fail(
+                format!("must be a robot file, got a scenario: \"{file}\""),
+                "robot files have a [body] and [[wheel]] tables",
+            ));
+        }
         sources.push(source);
         robot.remove("file");
         robot.insert("platform".into(), Value::Table(platform));
@@ -228,6 +265,12 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
         .and_then(|mut parsed| parsed.remove("value"))
         .unwrap_or_else(|| Value::String(text.to_owned()));
     let segments: Vec<&str> = path.split('.').collect();
+    if segments.contains(&"") {
+        return Err(refuse(
+            format!("must be names joined by dots, got \"{path}\""),
+            "for instance robot.tri.controller.speed=1.2",
+        ));
+    }
     let (last, way) = segments
         .split_last()
         .expect("split yields at least one part");
@@ -236,6 +279,7 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
     while at < way.len() {
         let key = way[at];
         let mut next = Vec::new();
+        let mut taken = 1;
         for current in tables {
             let entry = current
                 .entry(key)
@@ -243,18 +287,21 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
             match entry {
                 Value::Table(inner) => next.push(inner),
                 Value::Array(items) => {
-                    let wanted = way.get(at + 1).copied().unwrap_or(last);
+                    let wanted = &segments[at + 1..];
                     let names: Vec<String> = items.iter().map(entry_name).collect();
                     for (index, item) in items.iter_mut().enumerate() {
-                        let chosen =
-                            wanted == "*" || names[index] == wanted || wanted.parse() == Ok(index);
-                        if let (true, Value::Table(inner)) = (chosen, item) {
+                        let chosen = match wanted[0] {
+                            "*" => Some(1),
+                            _ => naming(&names[index], index, wanted),
+                        };
+                        if let (Some(count), Value::Table(inner)) = (chosen, item) {
+                            taken = 1 + count;
                             next.push(inner);
                         }
                     }
                     if next.is_empty() {
                         return Err(refuse(
-                            format!("there is no {key} named \"{wanted}\""),
+                            format!("there is no {key} named \"{}\"", wanted[0]),
                             &format!("there are: {}; * means all", names.join(", ")),
                         ));
                     }
@@ -267,18 +314,14 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
                 }
             }
         }
-        // A list takes its entry's name as well.
         tables = next;
-        at += if LISTS.contains(&key) { 2 } else { 1 };
+        at += taken;
     }
     for table in tables {
         table.insert((*last).to_owned(), value.clone());
     }
     Ok(())
 }
-
-/// Lists of the format whose entries are addressed by name.
-const LISTS: [&str; 5] = ["robot", "beacon", "wheel", "sensor", "channel"];
 
 /// By what an entry of a list is addressed.
 fn entry_name(value: &Value) -> String {
@@ -287,6 +330,16 @@ fn entry_name(value: &Value) -> String {
         .find_map(|key| value.get(key).and_then(Value::as_str))
         .unwrap_or("?")
         .to_owned()
+}
+
+/// How many leading segments of a path address the entry; a name such as `wheel.left` has two.
+fn naming(name: &str, index: usize, segments: &[&str]) -> Option<usize> {
+    let parts: Vec<&str> = name.split('.').collect();
+    if segments.starts_with(&parts) {
+        return Some(parts.len());
+    }
+    let numbered = segments.first().is_some_and(|s| s.parse() == Ok(index));
+    numbered.then_some(1)
 }
 
 /// Gives the table the shape of T, or says where it has another.
@@ -323,8 +376,9 @@ fn shape<T: DeserializeOwned>(
         }
         let message = error.inner().message().trim().to_owned();
         let (problem, hint, key) = explain(&message);
+        let key = key.or_else(|| current.and_then(|value| culprit(value, &message)));
         if let Some(key) = key
-            && !path.ends_with(&key)
+            && path.rsplit('.').next() != Some(&key)
         {
             if !path.is_empty() {
                 path.push('.');
@@ -333,6 +387,35 @@ fn shape<T: DeserializeOwned>(
         }
         locate(sources, overrides, path, problem, hint)
     })
+}
+
+/// The key of a table that holds the value a message speaks of: below a `kind`, serde names the
+/// table only. None if the value itself is meant, or several could be.
+fn culprit(value: &Value, message: &str) -> Option<String> {
+    let got = ["invalid type: ", "invalid value: "]
+        .iter()
+        .find_map(|start| message.strip_prefix(start))
+        .and_then(|rest| rest.split_once(", expected "))
+        .map(|(got, _)| got)?;
+    let table = value.as_table().filter(|_| described(value) != got)?;
+    let mut fitting = table.iter().filter(|(_, value)| described(value) == got);
+    match (fitting.next(), fitting.next()) {
+        (Some((key, _)), None) => Some(key.clone()),
+        _ => None,
+    }
+}
+
+/// A value in the words of serde's messages.
+fn described(value: &Value) -> String {
+    let unexpected = match value {
+        Value::String(text) => Unexpected::Str(text),
+        Value::Integer(number) => Unexpected::Signed(*number),
+        Value::Float(number) => Unexpected::Float(*number),
+        Value::Boolean(truth) => Unexpected::Bool(*truth),
+        Value::Array(_) => Unexpected::Seq,
+        Value::Table(_) | Value::Datetime(_) => Unexpected::Map,
+    };
+    unexpected.to_string()
 }
 
 /// Turns serde's message into problem, hint and the key it speaks of.
@@ -374,19 +457,38 @@ fn explain(message: &str) -> (String, Option<String>, Option<String>) {
             Some((*missing).to_owned()),
         );
     }
-    let problem = message
-        .strip_prefix("invalid type: ")
-        .or_else(|| message.strip_prefix("invalid value: "))
+    let problem = ["invalid type: ", "invalid value: ", "invalid "]
+        .iter()
+        .find_map(|start| message.strip_prefix(start))
         .and_then(|rest| rest.split_once(", expected "))
         .map(|(got, expected)| {
-            let expected = match expected {
-                "f64" => "a number",
-                "u32" | "u64" => "a whole number that is not negative",
-                other => other,
-            };
+            let (expected, got) = (expectation(expected), finding(got));
             format!("must be {expected}, got {got}")
         });
     (problem.unwrap_or_else(|| message.to_owned()), None, None)
+}
+
+/// What serde expects, in the words of the file.
+fn expectation(words: &str) -> String {
+    match words {
+        "f64" => "a number".into(),
+        "u32" | "u64" => "a whole number that is not negative".into(),
+        "a sequence" => "a list".into(),
+        "a map" => "a table".into(),
+        "string or map" | "variant identifier" | "variant of enum" => "a word in quotes".into(),
+        _ if words.contains("struct ") || words.contains("enum ") => "a table".into(),
+        other => other.replace("an array of", "a list of"),
+    }
+}
+
+/// What serde got, in the words of the file.
+fn finding(words: &str) -> String {
+    match words {
+        "sequence" => "a list".into(),
+        "map" => "a table".into(),
+        text if text.starts_with("string ") => text.into(),
+        other => other.replace('`', ""),
+    }
 }
 
 fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
@@ -398,7 +500,8 @@ fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
         .map(|(_, candidate)| candidate)
 }
 
-/// A diagnostic at the line where `path`, or the nearest table above it, stands.
+/// A diagnostic at the line where `path`, or the nearest table above it, stands; without a line if
+/// the file has none of it.
 fn locate(
     sources: &[Source],
     overrides: &Overrides,
@@ -431,72 +534,78 @@ fn locate(
     let span = find_span(source.document.as_item(), inner);
     Diagnostic {
         file: source.file.clone(),
-        at: Some(line_column(&source.text, span.unwrap_or(0))),
+        at: span.map(|span| line_column(source.text.as_bytes(), span)),
         path,
         problem,
         hint,
     }
 }
 
-/// Whether a path set on the command line is the one at fault, or leads to it.
+/// Whether a path set on the command line is the one at fault, or one leads to the other.
 fn concerns(set: &str, path: &str) -> bool {
     let (set, path): (Vec<_>, Vec<_>) = (set.split('.').collect(), path.split('.').collect());
-    set.len() >= path.len() && set.iter().zip(&path).all(|(a, b)| *a == "*" || a == b)
+    set.iter().zip(&path).all(|(a, b)| *a == "*" || a == b)
 }
 
 /// Byte offset of the deepest item of `path` that the document has.
 fn find_span(root: &Item, path: &str) -> Option<usize> {
-    let mut item = root;
+    let segments: Vec<&str> = path.split('.').collect();
+    let mut rest = segments.as_slice();
+    let mut table = root.as_table_like()?;
     let mut found = None;
-    let mut segments = path.split('.').peekable();
-    while let Some(segment) = segments.next() {
-        let next = match item {
-            Item::ArrayOfTables(tables) => {
-                let named = tables.iter().enumerate().find(|(index, table)| {
-                    let name = ["name", "kind", "to"]
-                        .iter()
-                        .find_map(|key| table.get(key).and_then(Item::as_str));
-                    name == Some(segment) || segment.parse() == Ok(*index)
-                });
-                let Some((_, table)) = named else { break };
-                found = table.span().map(|span| span.start).or(found);
-                // A table is no item: go on with its next key at once.
-                let Some(key) = segments.next() else { break };
-                let Some((name, value)) = table.get_key_value(key) else {
-                    break;
-                };
-                found = name.span().map(|span| span.start).or(found);
-                Some(value)
-            }
-            _ => {
-                let entry = item
-                    .as_table_like()
-                    .and_then(|table| table.get_key_value(segment));
-                if let Some((name, _)) = &entry {
-                    found = name.span().map(|span| span.start).or(found);
-                }
-                entry.map(|(_, value)| value)
-            }
+    while let Some((key, behind)) = rest.split_first() {
+        let Some((name, item)) = table.get_key_value(key) else {
+            break;
         };
-        let Some(next) = next else { break };
-        found = next
-            .span()
-            .map(|span| span.start)
-            .filter(|_| found.is_none())
-            .or(found);
-        item = next;
+        let start = name.span().or_else(|| item.span());
+        found = start.map(|span| span.start).or(found);
+        rest = behind;
+        let inner = match entries(item) {
+            Some(entries) => entries.into_iter().enumerate().find_map(|(index, entry)| {
+                let name = ["name", "kind", "to"]
+                    .iter()
+                    .find_map(|key| entry.0.get(key).and_then(Item::as_str));
+                let count = naming(name.unwrap_or("?"), index, rest)?;
+                found = entry.1.or(found);
+                rest = &rest[count..];
+                Some(entry.0)
+            }),
+            None => item.as_table_like(),
+        };
+        let Some(inner) = inner else { break };
+        table = inner;
     }
     found
 }
 
+/// The tables of a list with their byte offsets, in either notation; None if it is no list.
+fn entries(item: &Item) -> Option<Vec<(&dyn TableLike, Option<usize>)>> {
+    if let Some(tables) = item.as_array_of_tables() {
+        let start = |table: &toml_edit::Table| table.span().map(|span| span.start);
+        let entries = tables
+            .iter()
+            .map(|table| (table as &dyn TableLike, start(table)));
+        return Some(entries.collect());
+    }
+    let start = |table: &toml_edit::InlineTable| table.span().map(|span| span.start);
+    let entries = item
+        .as_array()?
+        .iter()
+        .filter_map(toml_edit::Value::as_inline_table)
+        .map(|table| (table as &dyn TableLike, start(table)));
+    Some(entries.collect())
+}
+
 /// Line and column, from 1, of a byte offset.
-fn line_column(text: &str, offset: usize) -> (usize, usize) {
-    let before = &text.as_bytes()[..offset.min(text.len())];
+fn line_column(text: &[u8], offset: usize) -> (usize, usize) {
+    let before = &text[..offset.min(text.len())];
     let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+    // Bytes 10xxxxxx go on with a character that has begun.
     let column = 1 + before
         .iter()
         .rev()
         .take_while(|&&byte| byte != b'\n')
+        .filter(|&&byte| byte & 0xc0 != 0x80)
         .count();
     (line, column)
 }

@@ -1,0 +1,301 @@
+//! The program as a process: killed, out of room, compared with its other build, asked for help.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use appell_sim::record::Recording;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("appell-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a temporary folder");
+    folder
+}
+
+fn appell() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_appell"));
+    command.current_dir(root()).env("NO_COLOR", "1");
+    command
+}
+
+/// `kill -9` at 100 moments spread over the run: each file opens and holds all but the last 0.25 s of
+/// what had been simulated, and what it holds is what the undisturbed run recorded.
+#[test]
+fn invariant_killed_runs_leave_readable_recordings() {
+    let folder = scratch("kill");
+    let run = |out: &Path| {
+        let mut command = appell();
+        command
+            .args([
+                "run",
+                "scenarios/sleigh.toml",
+                "--set",
+                "time.duration=2000",
+                "--set",
+                "record.period=0.01",
+                "--no-report",
+                "--out",
+            ])
+            .arg(out)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
+        command.spawn().expect("starts")
+    };
+    let whole = folder.join("whole");
+    let start = Instant::now();
+    assert!(run(&whole).wait().expect("ends").success());
+    let length = start.elapsed();
+    let truth = Recording::read(&whole.join("recording.mcap")).expect("reads");
+    assert!(truth.complete);
+    let (mut opened, mut rows) = (0, 0);
+    for k in 0..100_u32 {
+        let out = folder.join(format!("k{k}"));
+        let mut child = run(&out);
+        // A fixed, uneven spread over the undisturbed length.
+        let share = f64::from((k * 37) % 100) / 100.0;
+        std::thread::sleep(Duration::from_secs_f64(
+            0.02 + 0.9 * share * length.as_secs_f64(),
+        ));
+        child.kill().expect("killed");
+        child.wait().expect("gone");
+        let recording =
+            Recording::read(&out.join("recording.mcap")).unwrap_or_else(|e| panic!("run {k}: {e}"));
+        let count = recording.times.len();
+        for (column, reference) in recording.columns.iter().zip(&truth.columns) {
+            for (a, b) in column.iter().zip(reference) {
+                assert_eq!(a.to_bits(), b.to_bits(), "run {k}");
+            }
+        }
+        // Chunks are whole quarters of a second: 25 rows, or all rows of a run that had ended.
+        assert!(
+            recording.complete || count % 25 == 0,
+            "run {k}: {count} rows"
+        );
+        opened += 1;
+        rows += count;
+        std::fs::remove_dir_all(&out).expect("removed");
+    }
+    assert_eq!(opened, 100);
+    assert!(rows > 0, "some were killed while recording");
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+/// A full disk and a folder that cannot be made: exit code 4, the path and a hint, no panic.
+#[test]
+fn invariant_unwritable_output_is_a_clear_error() {
+    let folder = scratch("full");
+    let file = folder.join("file");
+    std::fs::write(&file, "not a folder").expect("written");
+    let output = appell()
+        .args(["run", "scenarios/slalom.toml", "--out"])
+        .arg(file.join("below"))
+        .output()
+        .expect("runs");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(4), "{text}");
+    assert!(
+        text.contains("below") && text.contains("hint:") && !text.contains("panicked"),
+        "{text}"
+    );
+
+    // A limit on the size of files stops the recording midway, as a full disk does.
+    let out = folder.join("out");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 200; exec {:?} run scenarios/slalom.toml --no-report --out {:?}",
+        env!("CARGO_BIN_EXE_appell"),
+        out
+    );
+    let output = Command::new("bash")
+        .current_dir(root())
+        .args(["-c", &script])
+        .output()
+        .expect("runs");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(4), "{text}");
+    assert!(
+        text.contains("recording.mcap") && text.contains("hint:") && !text.contains("panicked"),
+        "{text}"
+    );
+    let recording = Recording::read(&out.join("recording.mcap")).expect("what was recorded stays");
+    assert!(
+        recording.times.len() > 100,
+        "{} rows",
+        recording.times.len()
+    );
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+/// The debug build records the same bytes as this one. `cargo xtask test` builds it beforehand.
+#[test]
+fn invariant_debug_and_release_record_the_same_bytes() {
+    let this = PathBuf::from(env!("CARGO_BIN_EXE_appell"));
+    let profile = this
+        .parent()
+        .and_then(Path::file_name)
+        .expect("target/PROFILE/appell")
+        .to_owned();
+    let other = if profile == "debug" {
+        "release"
+    } else {
+        "debug"
+    };
+    let other = this
+        .parent()
+        .and_then(Path::parent)
+        .expect("target")
+        .join(other)
+        .join("appell");
+    assert!(
+        other.exists(),
+        "{} is missing: run the tests by `cargo xtask test`",
+        other.display()
+    );
+    let folder = scratch("profiles");
+    for scenario in ["slalom", "noisy", "coast", "eight"] {
+        let mut files = Vec::new();
+        for (name, binary) in [("this", &this), ("other", &other)] {
+            let out = folder.join(format!("{scenario}-{name}"));
+            let status = Command::new(binary)
+                .current_dir(root())
+                .args([
+                    "run",
+                    &format!("scenarios/{scenario}.toml"),
+                    "--no-report",
+                    "--out",
+                ])
+                .arg(&out)
+                .stdout(Stdio::null())
+                .status()
+                .expect("runs");
+            assert!(status.success(), "{scenario}");
+            files.push(std::fs::read(out.join("recording.mcap")).expect("recorded"));
+        }
+        assert!(files[0] == files[1], "{scenario}: debug and release differ");
+    }
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+/// Exit codes, a report under 2 MB, and everything a run promises to write.
+#[test]
+fn invariant_a_run_writes_what_it_says() {
+    let folder = scratch("files");
+    let output = appell()
+        .args(["run", "scenarios/slalom.toml", "--csv", "--json", "--out"])
+        .arg(&folder)
+        .output()
+        .expect("runs");
+    assert_eq!(output.status.code(), Some(0));
+    let summary: serde_json::Value =
+        serde_json::from_slice(&output.stdout).expect("JSON on standard output");
+    assert_eq!(summary["verdict"], "passed");
+    for file in [
+        "recording.mcap",
+        "recording.csv",
+        "summary.json",
+        "scenario.toml",
+        "report.html",
+        "trajectory.svg",
+        "trajectory.png",
+    ] {
+        assert!(folder.join(file).exists(), "{file}");
+    }
+    let report = std::fs::read_to_string(folder.join("report.html")).expect("read");
+    assert!(report.len() < 2_000_000 && report.contains("<svg"));
+    assert!(
+        !report.contains("http://") || report.contains("http://www.w3.org"),
+        "works offline"
+    );
+    // The resolved scenario runs again to the same recording.
+    let again = folder.join("again");
+    let status = appell()
+        .arg("run")
+        .arg(folder.join("scenario.toml"))
+        .args(["--no-report", "--out"])
+        .arg(&again)
+        .stdout(Stdio::null())
+        .status()
+        .expect("runs");
+    assert!(status.success());
+    let columns = |path: PathBuf| Recording::read(&path).expect("reads").columns;
+    assert!(columns(folder.join("recording.mcap")) == columns(again.join("recording.mcap")));
+
+    let failed = appell()
+        .args([
+            "run",
+            "scenarios/slalom.toml",
+            "--set",
+            "time.duration=2",
+            "--no-report",
+            "--out",
+        ])
+        .arg(folder.join("f"))
+        .output()
+        .expect("runs");
+    assert_eq!(failed.status.code(), Some(1));
+    let wrong = appell()
+        .args(["run", "scenarios/none.toml"])
+        .output()
+        .expect("runs");
+    assert_eq!(wrong.status.code(), Some(2));
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+/// The other commands do what they say.
+#[test]
+fn invariant_commands_work() {
+    let folder = scratch("commands");
+    let run = |arguments: &[&str]| {
+        let output = appell().args(arguments).output().expect("runs");
+        let text = String::from_utf8_lossy(&output.stdout).into_owned()
+            + &String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{arguments:?}: {text}");
+        text
+    };
+    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    assert!(run(&["check", "robots/three-wheeler.toml"]).contains("degree of mobility"));
+    assert!(run(&["check", "scenarios/slope.toml"]).contains("valid scenario"));
+    run(&["run", "scenarios/homing.toml", "--out", &path("run")]);
+    assert!(run(&["plot", &path("run/recording.mcap")]).contains("twist.forward"));
+    run(&[
+        "plot",
+        &path("run/recording.mcap"),
+        "twist.forward",
+        "voltage",
+        "--out",
+        &path("plot.png"),
+    ]);
+    run(&[
+        "plot",
+        &path("run/recording.mcap"),
+        "pose.x",
+        "--out",
+        &path("plot.svg"),
+    ]);
+    assert!(
+        run(&[
+            "compare",
+            "scenarios/compare.toml",
+            "--out",
+            &path("compare")
+        ])
+        .contains("kinematic")
+    );
+    run(&["new", &path("mine")]);
+    run(&[
+        "run",
+        &path("mine/scenario.toml"),
+        "--out",
+        &path("mine/run"),
+    ]);
+    assert!(run(&["schema"]).contains("\"$schema\""));
+    assert!(run(&["completions", "bash"]).contains("appell"));
+    for help in [&["--help"][..], &["run", "--help"], &["check", "--help"]] {
+        assert!(run(help).len() > 200);
+    }
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
