@@ -74,14 +74,14 @@ const BEACON: &str = "[[arena.beacon]]\nname = \"b1\"\nposition = [2.0, 2.0]\n";
 const SCENARIOS: &[Row] = &[
     // Keys and types.
     row("missing-key", SLALOM, ("duration = 50.0", ""), "[time]", &["time.duration: is missing"]),
-    row("missing-table", SLALOM, ("[time]", "[terrain.time]"), "schema", &["time: is missing"]).bare().whole(),
+    row("missing-schema", SLALOM, ("schema = 1\n", ""), "", &["slalom.toml: schema: is missing"]).whole(),
     row("missing-start", SLALOM, ("pose = [0.8, 2.0, 0.0]\n", ""), "[[robot]]", &["robot.tri.pose: is missing"]),
     row("missing-kind", SLALOM, ("kind = \"flat\"\n", ""), "[terrain]", &["terrain.kind: is missing"]),
     row("mistyped-number", SLALOM, ("duration = 50.0", "duration = \"50 s\""), "duration", &["time.duration: must be a number, got string \"50 s\""]).bare(),
     row("mistyped-in-kind", SLALOM, ("speed = 0.9", "speed = \"fast\""), "speed", &["robot.tri.controller.speed: must be a number, got string \"fast\""]).bare(),
-    row("mistyped-string", SLALOM, ("name = \"slalom\"", "name = 5"), "name", &["name: must be a string, got integer `5`"]).bare(),
-    row("mistyped-list", SLALOM, ("size = [8.0, 4.0]", "size = 8.0"), "size", &["arena.size: must be", "got floating point `8.0`"]).bare(),
-    row("short-list", SLALOM, ("size = [8.0, 4.0]", "size = [8.0]"), "size", &["arena.size: must be an array of length 2"]).bare(),
+    row("mistyped-string", SLALOM, ("name = \"slalom\"", "name = 5"), "name", &["name: must be a string, got integer 5"]).bare(),
+    row("mistyped-list", SLALOM, ("size = [8.0, 4.0]", "size = 8.0"), "size", &["arena.size: must be", "got floating point 8.0"]).bare(),
+    row("short-list", SLALOM, ("size = [8.0, 4.0]", "size = [8.0]"), "size", &["arena.size: must be a list of length 2, got length 1"]).bare(),
     row("unknown-key", SLALOM, ("friction = 0.7", "friction = 0.7\ncolor = \"red\""), "color", &["terrain.color: unknown key", "known here:"]),
     row("misspelled-key", SLALOM, ("duration = 50.0", "durration = 50.0"), "durration", &["time.durration: unknown key", "did you mean duration?"]),
     row("misspelled-key-in-kind", SLALOM, ("lateral_acceleration", "lateral_acceleraton"), "lateral_acceleraton", &["robot.tri.controller.lateral_acceleraton: unknown key", "did you mean lateral_acceleration?"]),
@@ -90,8 +90,8 @@ const SCENARIOS: &[Row] = &[
     row("unknown-word", SLALOM, ("level = \"rolling\"", "level = \"roling\""), "level", &["robot.tri.level: must be one of kinematic, rolling, got \"roling\"", "did you mean \"rolling\"?"]),
     row("unknown-task", SLALOM, ("[robot.task]\nkind = \"slalom\"", "[robot.task]\nkind = \"parking\""), "kind = \"parking\"", &["robot.tri.task.kind: must be one of homing, gate, eight, slalom, got \"parking\""]).bare(),
     row("wrong-schema", SLALOM, ("schema = 1", "schema = 2"), "schema", &["schema: must be 1, got 2"]),
-    row("huge-integer", SLALOM, ("seed = 1 ", "seed = 99999999999999999999 "), "seed", &["99999999999999999999"]).bare(),
-    row("negative-seed", SLALOM, ("seed = 1 ", "seed = -1 "), "seed", &["seed: must be a whole number that is not negative, got integer `-1`"]).bare(),
+    row("huge-integer", SLALOM, ("seed = 1 ", "seed = 99999999999999999999 "), "seed", &["not valid TOML", "99999999999999999999", "whole numbers within"]),
+    row("negative-seed", SLALOM, ("seed = 1 ", "seed = -1 "), "seed", &["seed: must be a whole number that is not negative, got integer -1"]).bare(),
     row("empty-name", SLALOM, ("name = \"slalom\"", "name = \"\""), "name", &["name: must be 1 to 64 letters, digits, - or _, got \"\""]),
     row("name-of-path", SLALOM, ("name = \"slalom\"", "name = \"../../etc\""), "name", &["name: must be 1 to 64 letters", "\"../../etc\""]),
     row("not-toml", SLALOM, ("[arena]", "[arena"), "[arena", &["not valid TOML"]),
@@ -100,20 +100,19 @@ const SCENARIOS: &[Row] = &[
     row("zero-step", SLALOM, ("step = 0.001", "step = 0.0"), "step", &["time.step: must be a finite number > 0, got 0"]).bare(),
     row("infinite-step", SLALOM, ("step = 0.001", "step = inf"), "step", &["time.step: must be a finite number > 0, got inf"]).bare(),
     row("negative-duration", SLALOM, ("duration = 50.0", "duration = -50.0"), "duration", &["time.duration: must be a finite number > 0, got -50"]).bare(),
-    row("endless-duration", SLALOM, ("duration = 50.0", "duration = 1e300"), "duration", &["time.duration: must be", "1000000000000 steps"]),
+    row("endless-duration", SLALOM, ("duration = 50.0", "duration = 1e300"), "duration", &["time.duration: must be", "less than 1000000000000 steps of 0.001 s, got 1e300"]),
     row("period-off-step", SLALOM, ("period = 0.01 ", "period = 0.0105 "), "period", &["robot.tri.controller.period: must be a multiple of time.step = 0.001 s, got 0.0105", "would do"]),
     row("zero-tolerance", SLALOM, ("integrator = \"auto\"", "tolerance = 0.0"), "tolerance", &["time.tolerance: must be in [1e-13, 0.01], got 0"]).bare(),
     // Arena.
     row("no-beacon", HOMING, ("[[arena.beacon]]\nname = \"dock\"\nposition = [4.5, 3.0]", "beacon = []"), "beacon", &["arena.beacon: must be 1 to 15 beacons, got 0"]),
-    row("beacon-twice", SLALOM, ("name = \"b3\"", "name = \"b2\"  # again"), "name = \"b2\"  # again", &["arena.beacon.2.name: must be a name of its own, got \"b2\" twice"]),
+    row("beacon-twice", SLALOM, ("name = \"b3\"", "name = \"b2\"  # again"), "name = \"b2\"  # again", &["arena.beacon.2.name: must differ from the others, got \"b2\" twice"]),
     row("beacon-outside", SLALOM, ("position = [6.8, 2.0]", "position = [6.8, 4.2]"), "position = [6.8, 4.2]", &["arena.beacon.b5.position: must be inside the arena", "[6.8, 4.2]"]),
     row("beacon-nowhere", SLALOM, ("position = [6.8, 2.0]", "position = [nan, 2.0]"), "position = [nan", &["arena.beacon.b5.position: must be inside the arena", "NaN"]),
     row("inline-beacons", HOMING, ("[[arena.beacon]]\nname = \"dock\"\nposition = [4.5, 3.0]", "beacon = [\n  { name = \"dock\", position = [4.5, 30.0] },\n]"), "  { name", &["arena.beacon.dock.position: must be inside the arena"]),
     row("flat-arena", SLALOM, ("size = [8.0, 4.0]", "size = [8.0, 0.0]"), "size", &["arena.size: must be a height in (0, 10000] m, got 0"]).bare(),
     row("upright-slope", SLALOM, ("kind = \"flat\"", "kind = \"plane\"\nslope_deg = 90.0"), "slope_deg", &["terrain.slope_deg: must be in [0, 60], got 90"]),
     // Robots.
-    row("no-robot", "scenarios/coast.toml", ("[arena]", "robot = []\n[arena]"), "[[robot]]", &["not valid TOML"]),
-    row("robot-twice", TWO_ROBOTS, ("name = \"tri\"", "name = \"p3dx\"  # again"), "name = \"p3dx\"  # again", &["robot.1.name: must be a name of its own, got \"p3dx\" twice"]).bare(),
+    row("robot-twice", TWO_ROBOTS, ("name = \"tri\"", "name = \"p3dx\"  # again"), "name = \"p3dx\"  # again", &["robot.1.name: must differ from the others, got \"p3dx\" twice"]).bare(),
     row("start-outside", SLALOM, ("pose = [0.8, 2.0, 0.0]", "pose = [0.1, 2.0, 0.0]"), "pose", &["robot.tri.pose: must keep the robot's disc of 0.25 m inside the arena", "[0.1, 2.0, 0.0]"]),
     row("start-nowhere", SLALOM, ("pose = [0.8, 2.0, 0.0]", "pose = [0.8, nan, 0.0]"), "pose", &["robot.tri.pose: must be finite, got NaN"]).bare(),
     row("dangling-file", SLALOM, ("three-wheeler.toml", "four-wheeler.toml"), "file", &["robot.tri.file: \"../robots/four-wheeler.toml\" cannot be read", "No such file"]),
@@ -126,13 +125,13 @@ const SCENARIOS: &[Row] = &[
     row("unknown-beacon", SLALOM, ("\"b4\", \"b5\"]", "\"b4\", \"b6\"]"), "chain", &["robot.tri.task.chain: must name a beacon of the arena, got \"b6\"", "there are: b1, b2, b3, b4, b5"]),
     row("gate-of-one", GATE, ("beacons = [\"b1\", \"b2\"]", "beacons = [\"b1\", \"b1\"]"), "beacons", &["robot.p3dx.task.beacons: must be two different beacons, got \"b1\" twice"]),
     row("chain-of-one", SLALOM, ("[\"b1\", \"b2\", \"b3\", \"b4\", \"b5\"]", "[\"b1\"]"), "chain", &["robot.tri.task.chain: must name at least two beacons, got 1"]),
-    row("chain-with-repeat", SLALOM, ("\"b4\", \"b5\"]", "\"b4\", \"b1\"]"), "chain", &["robot.tri.task.chain.4: must be a name of its own, got \"b1\" twice"]).bare(),
+    row("chain-with-repeat", SLALOM, ("\"b4\", \"b5\"]", "\"b4\", \"b1\"]"), "chain", &["robot.tri.task.chain: must name each beacon once, got \"b1\" twice"]).bare(),
     row("controller-of-another-task", SLALOM, ("[robot.controller]\nkind = \"slalom\"", "[robot.controller]\nkind = \"gate\""), "kind = \"gate\"", &["robot.tri.controller.kind: must go with a task of the same kind, got \"gate\" with slalom"]),
     row("pose-without-sensor", SLALOM, ("speed = 0.9 ", "pose = \"odometry\" "), "pose = \"odometry\"", &["robot.tri.controller.pose: must name a sensor that the robot has, got one of kind \"odometry\"", "[[robot.sensor]]"]),
     row("slow-follower", SLALOM, ("period = 0.01 ", "period = 0.5 "), "period", &["robot.tri.controller.period: must be at most 0.1 s, got 0.5"]).bare(),
     row("sensor-period", SLALOM, ("[robot.task]", "[[robot.sensor]]\nkind = \"pose\"\nperiod = 0.0\n\n[robot.task]"), "period = 0.0\n", &["robot.tri.sensor.pose.period: must be a finite number > 0, got 0"]).bare(),
-    row("sensor-twice", SLALOM, ("[robot.task]", "[[robot.sensor]]\nkind = \"pose\"\nperiod = 0.01\n\n[[robot.sensor]]\nperiod = 0.01\nkind = \"pose\"\n\n[robot.task]"), "kind = \"pose\"\n\n[robot.task]", &["robot.tri.sensor.1.kind: must be a kind of its own, got \"pose\" twice"]).bare(),
-    row("channel-of-no-wheel", CIRCLE, ("to = \"yaw_rate\"", "to = \"wheel.middle\""), "to = \"wheel.middle\"", &["robot.bubble.controller.channel.1.to: must be a channel of the robot, got \"wheel.middle\"", "wheel.left, wheel.right"]),
+    row("sensor-twice", SLALOM, ("[robot.task]", "[[robot.sensor]]\nkind = \"pose\"\nperiod = 0.01\n\n[[robot.sensor]]\nperiod = 0.01\nkind = \"pose\"\n\n[robot.task]"), "kind = \"pose\"\n\n[robot.task]", &["robot.tri.sensor.1.kind: must differ from the others, got \"pose\" twice"]).bare(),
+    row("channel-of-no-wheel", CIRCLE, ("to = \"yaw_rate\"", "to = \"wheel.middle\""), "to = \"wheel.middle\"", &["robot.bubble.controller.channel.wheel.middle.to: must be a channel of the robot, got \"wheel.middle\"", "wheel.left, wheel.right"]),
     row("misspelled-channel", CIRCLE, ("to = \"yaw_rate\"", "to = \"yawrate\""), "to = \"yawrate\"", &["must be a channel of the robot, got \"yawrate\"", "yaw_rate"]),
     row("ramp-backwards", CIRCLE, ("from_time = 0.0", "from_time = 3.0"), "signal", &["robot.bubble.controller.channel.forward.signal.to_time: must be later than from_time = 3, got 2"]).bare(),
     row("table-missing", CIRCLE, ("{ kind = \"ramp\", from_time = 0.0, to_time = 2.0, to = 1.0 }", "{ kind = \"table\", file = \"none.csv\", column = \"rate\" }"), "signal = { kind = \"table\"", &["robot.bubble.controller.channel.yaw_rate.signal.file", "none.csv\" cannot be read"]),
@@ -140,51 +139,260 @@ const SCENARIOS: &[Row] = &[
     row("table-backwards", CIRCLE, ("{ kind = \"ramp\", from_time = 0.0, to_time = 2.0, to = 1.0 }", "{ kind = \"table\", file = \"backwards.csv\", column = \"rate\" }"), "signal = { kind = \"table\"", &["yaw_rate.signal.file", "line 4: times must increase, got 0.5"]),
     row("table-without-column", CIRCLE, ("{ kind = \"ramp\", from_time = 0.0, to_time = 2.0, to = 1.0 }", "{ kind = \"table\", file = \"text.csv\", column = \"speed\" }"), "signal = { kind = \"table\"", &["yaw_rate.signal.file", "must have a column \"speed\", got time, rate"]),
     // The run as a whole.
-    row("unstable-method", SLALOM, ("step = 0.001", "step = 0.01\nintegrator = \"rk4\" #"), "", &["time.integrator"]).whole(),
+    row("unstable-method", "scenarios/eight.toml", ("duration = 60.0", "integrator = \"rk4\"\nduration = 60.0"), "", &["time.integrator", "rk4"]).whole(),
     row("gap-too-narrow", GATE, ("position = [3.0, 1.5]", "position = [3.0, 2.4]"), "", &["robot.p3dx.task: cannot be solved"]).whole(),
 ];
 
 /// Robot files: each is refused by itself, and in a scenario that names it.
 const ROBOTS: &[Row] = &[
-    row("radius-nan", ROBOT, ("radius = 0.1\n", "radius = nan\n"), "radius = nan", &["wheel.left.radius: must be a finite number > 0, got NaN"]).bare(),
-    row("radius-inf", ROBOT, ("radius = 0.1\n", "radius = +inf\n"), "radius = +inf", &["wheel.left.radius: must be a finite number > 0, got inf"]).bare(),
-    row("radius-minus-inf", ROBOT, ("radius = 0.1\n", "radius = -inf\n"), "radius = -inf", &["wheel.left.radius: must be a finite number > 0, got -inf"]).bare(),
-    row("radius-zero", ROBOT, ("radius = 0.1\n", "radius = 0\n"), "radius = 0\n", &["wheel.left.radius: must be a finite number > 0, got 0"]).bare(),
-    row("radius-negative", ROBOT, ("radius = 0.1\n", "radius = -0.08\n"), "radius = -0.08", &["wheel.left.radius: must be a finite number > 0, got -0.08"]).bare(),
-    row("radius-beyond-range", ROBOT, ("radius = 0.1\n", "radius = 1e400\n"), "radius = 1e400", &["1e400"]).bare(),
-    row("mass-zero", ROBOT, ("mass = 9.0", "mass = 0.0"), "mass = 0.0", &["body.mass: must be a finite number > 0, got 0"]).bare(),
-    row("mass-negative", ROBOT, ("mass = 9.0", "mass = -9.0"), "mass = -9.0", &["body.mass: must be a finite number > 0, got -9"]).bare(),
-    row("wheel-mass-negative", ROBOT, ("mass = 0.5\n", "mass = -0.5\n"), "mass = -0.5", &["wheel.left.mass: must be a finite number >= 0, got -0.5"]).bare(),
-    row("buried-center-of-mass", ROBOT, ("0.0, 0.12]", "0.0, -0.12]"), "center_of_mass", &["body.center_of_mass: must be"]).bare(),
-    row("robot-without-body", ROBOT, ("[body]", "[[body]]"), "[[body]]", &["body"]).bare(),
-    row("robot-without-mount", ROBOT, ("mount = [0.0, 0.2]\n", ""), "[[wheel]]", &["wheel.left.mount: is missing"]),
-    row("wheel-twice", ROBOT, ("name = \"right\"", "name = \"left\"  # again"), "name = \"left\"  # again", &["wheel.1.name: must be a name of its own, got \"left\" twice"]).bare(),
-    row("no-resistance", ROBOT, ("resistance = 1.2\n", ""), "[wheel.drive]", &["wheel.left.drive.resistance: is missing"]),
-    row("mistyped-resistance", ROBOT, ("resistance = 1.2\n", "resistance = true\n"), "resistance = true", &["wheel.left.drive.resistance: must be a number, got boolean `true`"]).bare(),
-    row("generous-gear", ROBOT, ("gear_efficiency = 1.0\n", "gear_efficiency = 1.5\n"), "gear_efficiency = 1.5", &["wheel.left.drive.gear_efficiency: must be in (0, 1], got 1.5"]).bare(),
-    row("unknown-drive", ROBOT, ("kind = \"dc-motor\"", "kind = \"dcmotor\""), "kind = \"dcmotor\"", &["wheel.left.drive.kind: must be one of none, torque, dc-motor, got \"dcmotor\"", "did you mean \"dc-motor\"?"]),
-    row("caster-without-trail", ROBOT, ("trail = 0.03", "trail = 0.0"), "steering", &["wheel.caster.steering.trail: must be finite and not 0, got 0"]),
-    row("rollers-along", ROBOT, ("radius = 0.1\n", "radius = 0.1\nrim = { kind = \"rollers\", angle_deg = 90.0 }\n"), "rim", &["wheel.left.rim.angle_deg: must be between -85 and 85", "got 90"]),
-    row("locked-wheels", ROBOT, ("mount = [0.0, 0.2]\n", "mount = [0.0, 0.2]\nsteering = { kind = \"fixed\", angle_deg = 40.0 }\n"), "", &["wheel: must leave a way to roll"]).whole(),
-    row("rollers-on-caster", ROBOT, ("radius = 0.03\n", "radius = 0.03\nrim = { kind = \"rollers\", angle_deg = 45.0 }\n"), "rim", &["wheel.caster.rim: must be plain on a wheel that swivels freely"]),
-    row("thin-footprint", ROBOT, ("footprint = [\n", "footprint = [[0.0, 0.0], [1.0, 0.0]]\nremark = [\n"), "remark", &["remark: unknown key"]),
+    row(
+        "radius-nan",
+        ROBOT,
+        ("radius = 0.1\n", "radius = nan\n"),
+        "radius = nan",
+        &["wheel.left.radius: must be a finite number > 0, got NaN"],
+    )
+    .bare(),
+    row(
+        "radius-inf",
+        ROBOT,
+        ("radius = 0.1\n", "radius = +inf\n"),
+        "radius = +inf",
+        &["wheel.left.radius: must be a finite number > 0, got inf"],
+    )
+    .bare(),
+    row(
+        "radius-minus-inf",
+        ROBOT,
+        ("radius = 0.1\n", "radius = -inf\n"),
+        "radius = -inf",
+        &["wheel.left.radius: must be a finite number > 0, got -inf"],
+    )
+    .bare(),
+    row(
+        "radius-zero",
+        ROBOT,
+        ("radius = 0.1\n", "radius = 0\n"),
+        "radius = 0\n",
+        &["wheel.left.radius: must be a finite number > 0, got 0"],
+    )
+    .bare(),
+    row(
+        "radius-negative",
+        ROBOT,
+        ("radius = 0.1\n", "radius = -0.08\n"),
+        "radius = -0.08",
+        &["wheel.left.radius: must be a finite number > 0, got -0.08"],
+    )
+    .bare(),
+    row(
+        "radius-beyond-range",
+        ROBOT,
+        ("radius = 0.1\n", "radius = 1e400\n"),
+        "radius = 1e400",
+        &["not valid TOML", "1e400", "numbers lie within"],
+    ),
+    row(
+        "mass-zero",
+        ROBOT,
+        ("mass = 9.0", "mass = 0.0"),
+        "mass = 0.0",
+        &["body.mass: must be a finite number > 0, got 0"],
+    )
+    .bare(),
+    row(
+        "mass-negative",
+        ROBOT,
+        ("mass = 9.0", "mass = -9.0"),
+        "mass = -9.0",
+        &["body.mass: must be a finite number > 0, got -9"],
+    )
+    .bare(),
+    row(
+        "wheel-mass-negative",
+        ROBOT,
+        ("mass = 0.5\n", "mass = -0.5\n"),
+        "mass = -0.5",
+        &["wheel.left.mass: must be a finite number >= 0, got -0.5"],
+    )
+    .bare(),
+    row(
+        "buried-center-of-mass",
+        ROBOT,
+        ("0.0, 0.12]", "0.0, -0.12]"),
+        "center_of_mass",
+        &["body.center_of_mass: must be"],
+    )
+    .bare(),
+    row(
+        "robot-without-body",
+        ROBOT,
+        ("[body]", "[[body]]"),
+        "[[body]]",
+        &["body"],
+    )
+    .bare(),
+    row(
+        "robot-without-mount",
+        ROBOT,
+        ("mount = [0.0, 0.2]\n", ""),
+        "[[wheel]]",
+        &["wheel.left.mount: is missing"],
+    ),
+    row(
+        "wheel-twice",
+        ROBOT,
+        ("name = \"right\"", "name = \"left\"  # again"),
+        "name = \"left\"  # again",
+        &["wheel.1.name: must differ from the others, got \"left\" twice"],
+    )
+    .bare(),
+    row(
+        "no-resistance",
+        ROBOT,
+        ("resistance = 1.2\n", ""),
+        "[wheel.drive]",
+        &["wheel.left.drive.resistance: is missing"],
+    ),
+    row(
+        "mistyped-resistance",
+        ROBOT,
+        ("resistance = 1.2\n", "resistance = true\n"),
+        "resistance = true",
+        &["wheel.left.drive.resistance: must be a number, got boolean true"],
+    )
+    .bare(),
+    row(
+        "generous-gear",
+        ROBOT,
+        ("gear_efficiency = 1.0\n", "gear_efficiency = 1.5\n"),
+        "gear_efficiency = 1.5",
+        &["wheel.left.drive.gear_efficiency: must be in (0, 1], got 1.5"],
+    )
+    .bare(),
+    row(
+        "unknown-drive",
+        ROBOT,
+        ("kind = \"dc-motor\"", "kind = \"dcmotor\""),
+        "kind = \"dcmotor\"",
+        &[
+            "wheel.left.drive.kind: must be one of none, torque, dc-motor, got \"dcmotor\"",
+            "did you mean \"dc-motor\"?",
+        ],
+    ),
+    row(
+        "caster-without-trail",
+        ROBOT,
+        ("trail = 0.03", "trail = 0.0"),
+        "steering",
+        &["wheel.caster.steering.trail: must be finite and not 0, got 0"],
+    ),
+    row(
+        "rollers-along",
+        ROBOT,
+        (
+            "radius = 0.1\n",
+            "radius = 0.1\nrim = { kind = \"rollers\", angle_deg = 90.0 }\n",
+        ),
+        "rim",
+        &[
+            "wheel.left.rim.angle_deg: must be between -85 and 85",
+            "got 90",
+        ],
+    ),
+    row(
+        "locked-wheels",
+        ROBOT,
+        ("mount = [0.0, 0.2]\n", "mount = [0.1, 0.2]\n"),
+        "",
+        &["wheel: must leave a way to roll"],
+    )
+    .whole(),
+    row(
+        "rollers-on-caster",
+        ROBOT,
+        (
+            "radius = 0.03\n",
+            "radius = 0.03\nrim = { kind = \"rollers\", angle_deg = 45.0 }\n",
+        ),
+        "rim",
+        &["wheel.caster.rim: must be plain on a wheel that swivels freely"],
+    ),
+    row(
+        "thin-footprint",
+        ROBOT,
+        (
+            "footprint = [\n",
+            "footprint = [[0.0, 0.0], [1.0, 0.0]]\nremark = [\n",
+        ),
+        "remark",
+        &["remark: unknown key"],
+    ),
 ];
 
 /// Command lines: words after `check scenarios/slalom.toml`, and what has to be said.
 const SETS: &[(&[&str], &[&str])] = &[
-    (&["--set", "time.step"], &["--set time.step: must be PATH=VALUE, got no ="]),
-    (&["--set", "robot.tree.pose=[1.0, 1.0, 0.0]"], &["--set: robot.tree.pose: there is no robot named \"tree\"", "there are: tri"]),
-    (&["--set", "arena.beacon.b9.radius=0.1"], &["--set: arena.beacon.b9.radius: there is no beacon named \"b9\"", "b1, b2"]),
-    (&["--set", "time.stp=0.1"], &["--set: time.stp: unknown key", "did you mean step?"]),
-    (&["--set", "time.step=fast"], &["--set: time.step: must be a number, got string \"fast\""]),
-    (&["--set", "time.step=-1"], &["--set: time.step: must be a finite number > 0, got -1"]),
-    (&["--set", "time.step.size=1"], &["--set: time.step.size: step is a value, not a table"]),
-    (&["--set", "robot.tri.controller.speed=true"], &["--set: robot.tri.controller.speed: must be a number, got boolean `true`"]),
-    (&["--set", "robot.tri.platform.wheel.left.radius=0"], &["--set: robot.tri.platform.wheel.left.radius: must be a finite number > 0, got 0"]),
-    (&["--set", "robot.tri.task={ kind = \"gate\" }"], &["--set: robot.tri.task.beacons: is missing"]),
-    (&["--set", "=5"], &["--set"]),
+    (
+        &["--set", "time.step"],
+        &["--set time.step: must be PATH=VALUE, got no ="],
+    ),
+    (
+        &["--set", "robot.tree.pose=[1.0, 1.0, 0.0]"],
+        &[
+            "--set: robot.tree.pose: there is no robot named \"tree\"",
+            "there are: tri",
+        ],
+    ),
+    (
+        &["--set", "arena.beacon.b9.radius=0.1"],
+        &[
+            "--set: arena.beacon.b9.radius: there is no beacon named \"b9\"",
+            "b1, b2",
+        ],
+    ),
+    (
+        &["--set", "time.stp=0.1"],
+        &["--set: time.stp: unknown key", "did you mean step?"],
+    ),
+    (
+        &["--set", "time.step=fast"],
+        &["--set: time.step: must be a number, got string \"fast\""],
+    ),
+    (
+        &["--set", "time.step=-1"],
+        &["--set: time.step: must be a finite number > 0, got -1"],
+    ),
+    (
+        &["--set", "time.step.size=1"],
+        &["--set: time.step.size: step is a value, not a table"],
+    ),
+    (
+        &["--set", "robot.tri.controller.speed=true"],
+        &["--set: robot.tri.controller.speed: must be a number, got boolean true"],
+    ),
+    (
+        &["--set", "robot.tri.platform.wheel.left.radius=0"],
+        &["--set: robot.tri.platform.wheel.left.radius: must be a finite number > 0, got 0"],
+    ),
+    (
+        &["--set", "robot.tri.task={ kind = \"gate\" }"],
+        &["--set: robot.tri.task.beacons: is missing"],
+    ),
+    (&["--set", "=5"], &["--set: must be names joined by dots"]),
     (&["--set", "robot=5"], &["--set: robot: must be"]),
-    (&["--level", "flying"], &["--set: robot.tri.level: must be one of kinematic, rolling, got \"flying\""]),
+    (&["--set", "robot.tri=5"], &["--set: robot.tri"]),
+    (
+        &["--set", "arena.size.0=5"],
+        &["--set: arena.size.0", "size is a list of values"],
+    ),
+    (
+        &["--set", "a.a.a.a.a.a.a.a.a.a.a.a=1"],
+        &["--set: a: unknown key"],
+    ),
+    (
+        &["--level", "flying"],
+        &["--set: robot.tri.level: must be one of kinematic, rolling, got \"flying\""],
+    ),
 ];
 
 /// The repository.
@@ -198,7 +406,9 @@ fn shipped(file: &str) -> String {
 
 /// A folder of this row's own with the shipped files, as in the repository.
 fn workshop(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("broken_files").join(name);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join("broken_files")
+        .join(name);
     for part in ["scenarios", "robots"] {
         fs::create_dir_all(folder.join(part)).expect("the target folder can be written");
         for entry in fs::read_dir(root().join(part)).expect("the folder is shipped") {
@@ -254,7 +464,10 @@ fn faults(answer: &(Option<i32>, String), says: &[&str]) -> String {
     if faults.is_empty() {
         return faults;
     }
-    format!("{faults}  got: {}\n", text.trim_end().replace('\n', "\n       "))
+    format!(
+        "{faults}  got: {}\n",
+        text.trim_end().replace('\n', "\n       ")
+    )
 }
 
 /// Number of the line of `text` in which `start` begins, from 1.
@@ -262,7 +475,9 @@ fn line_of(text: &str, start: &str) -> usize {
     let offset = if text.starts_with(start) {
         0
     } else {
-        1 + text.find(&format!("\n{start}")).expect("the row names a line of its text")
+        1 + text
+            .find(&format!("\n{start}"))
+            .expect("the row names a line of its text")
     };
     1 + text[..offset].matches('\n').count()
 }
@@ -273,11 +488,24 @@ fn check_row(row: &Row, command: &str, asked: &str) -> String {
     let text = shipped(row.base).replacen(row.edit.0, row.edit.1, 1);
     assert_ne!(text, shipped(row.base), "{}: nothing was edited", row.name);
     fs::write(folder.join(row.base), &text).expect("the target folder can be written");
-    fs::write(folder.join("scenarios/text.csv"), "time,rate\n0,1\n1,fast\n").expect("the same");
-    fs::write(folder.join("scenarios/backwards.csv"), "time,rate\n0,1\n1,2\n0.5,3\n").expect("the same");
+    fs::write(
+        folder.join("scenarios/text.csv"),
+        "time,rate\n0,1\n1,fast\n",
+    )
+    .expect("the same");
+    fs::write(
+        folder.join("scenarios/backwards.csv"),
+        "time,rate\n0,1\n1,2\n0.5,3\n",
+    )
+    .expect("the same");
     let mut says = row.says.to_vec();
-    let name = Path::new(row.base).file_name().and_then(|name| name.to_str()).expect("it has a name");
-    let place = row.line.map_or(name.to_owned(), |start| format!("{name}:{}:", line_of(&text, start)));
+    let name = Path::new(row.base)
+        .file_name()
+        .and_then(|name| name.to_str())
+        .expect("it has a name");
+    let place = row.line.map_or(name.to_owned(), |start| {
+        format!("{name}:{}:", line_of(&text, start))
+    });
     if row.line.is_some() || asked == row.base {
         says.push(&place);
     }
@@ -286,32 +514,65 @@ fn check_row(row: &Row, command: &str, asked: &str) -> String {
     }
     let faults = faults(&appell(&folder, &[command, asked]), &says);
     let _ = fs::remove_dir_all(&folder);
-    if faults.is_empty() { faults } else { format!("{} ({command} {asked}):\n{faults}", row.name) }
+    if faults.is_empty() {
+        faults
+    } else {
+        format!("{} ({command} {asked}):\n{faults}", row.name)
+    }
 }
 
 fn report(faults: Vec<String>) {
-    let faults: Vec<String> = faults.into_iter().filter(|fault| !fault.is_empty()).collect();
-    assert!(faults.is_empty(), "{} refusals are poor:\n{}", faults.len(), faults.join("\n"));
+    let faults: Vec<String> = faults
+        .into_iter()
+        .filter(|fault| !fault.is_empty())
+        .collect();
+    assert!(
+        faults.is_empty(),
+        "{} refusals are poor:\n{}",
+        faults.len(),
+        faults.join("\n")
+    );
 }
 
 #[test]
 fn refusal_of_scenarios() {
-    report(SCENARIOS.iter().map(|row| check_row(row, "check", row.base)).collect());
+    report(
+        SCENARIOS
+            .iter()
+            .map(|row| check_row(row, "check", row.base))
+            .collect(),
+    );
 }
 
 #[test]
 fn refusal_of_scenarios_by_run() {
-    report(SCENARIOS.iter().step_by(7).map(|row| check_row(row, "run", row.base)).collect());
+    report(
+        SCENARIOS
+            .iter()
+            .step_by(7)
+            .map(|row| check_row(row, "run", row.base))
+            .collect(),
+    );
 }
 
 #[test]
 fn refusal_of_robots() {
-    report(ROBOTS.iter().map(|row| check_row(row, "check", row.base)).collect());
+    report(
+        ROBOTS
+            .iter()
+            .map(|row| check_row(row, "check", row.base))
+            .collect(),
+    );
 }
 
 #[test]
 fn refusal_of_robots_in_scenarios() {
-    report(ROBOTS.iter().map(|row| check_row(row, "run", SLALOM)).collect());
+    report(
+        ROBOTS
+            .iter()
+            .map(|row| check_row(row, "run", SLALOM))
+            .collect(),
+    );
 }
 
 #[test]
@@ -320,7 +581,11 @@ fn refusal_of_command_lines() {
     let faulty = SETS.iter().map(|(arguments, says)| {
         let all = [&["check", SLALOM], *arguments].concat();
         let faults = faults(&appell(&folder, &all), says);
-        if faults.is_empty() { faults } else { format!("{arguments:?}:\n{faults}") }
+        if faults.is_empty() {
+            faults
+        } else {
+            format!("{arguments:?}:\n{faults}")
+        }
     });
     report(faulty.collect());
 }
@@ -337,21 +602,81 @@ fn refusal_of_other_files() {
         + &(1..=15)
             .map(|k| BEACON.replace("b1", &format!("b{k}")))
             .collect::<String>();
+    let shipped_slalom = shipped(SLALOM);
+    let (head, _) = shipped_slalom
+        .split_once("[[robot]]")
+        .expect("it has a robot");
     let binary: Vec<u8> = (0..=255).cycle().take(100_000).collect();
     let rows: Vec<(&str, Vec<u8>, &[&str])> = vec![
         ("empty.toml", Vec::new(), &["is missing", "hint: "]),
-        ("blank.toml", b"\n\n# nothing\n".to_vec(), &["is missing", "hint: "]),
-        ("invalid-utf8.toml", b"schema = 1\nname = \"\xff\xfe\"\n".to_vec(), &["invalid-utf8.toml:2:9: must be UTF-8 text", "hint: "]),
+        (
+            "blank.toml",
+            b"\n\n# nothing\n".to_vec(),
+            &["is missing", "hint: "],
+        ),
+        (
+            "invalid-utf8.toml",
+            b"schema = 1\nname = \"\xff\xfe\"\n".to_vec(),
+            &[
+                "invalid-utf8.toml:2:9: must be UTF-8 text, got the byte 0xff",
+                "hint: ",
+            ],
+        ),
         ("binary.toml", binary, &["must be UTF-8 text"]),
-        ("zeros.toml", vec![0; 4096], &["zeros.toml:1:1: not valid TOML"]),
-        ("prose.toml", b"Dear robot, please drive.\n".to_vec(), &["prose.toml:1:", "not valid TOML", "hint: "]),
-        ("deep-array.toml", deep_array.into_bytes(), &["not valid TOML"]),
-        ("closed-array.toml", closed_array.into_bytes(), &["not valid TOML"]),
+        (
+            "zeros.toml",
+            vec![0; 4096],
+            &["zeros.toml:1:", "not valid TOML"],
+        ),
+        (
+            "prose.toml",
+            b"Dear robot, please drive.\n".to_vec(),
+            &["prose.toml:1:", "not valid TOML", "hint: "],
+        ),
+        (
+            "deep-array.toml",
+            deep_array.into_bytes(),
+            &["not valid TOML"],
+        ),
+        (
+            "closed-array.toml",
+            closed_array.into_bytes(),
+            &["not valid TOML"],
+        ),
         ("deep-key.toml", deep_key.into_bytes(), &["not valid TOML"]),
-        ("deep-table.toml", deep_table.into_bytes(), &["not valid TOML"]),
-        ("sixteen-beacons.toml", sixteen.into_bytes(), &["arena.beacon: must be 1 to 15 beacons, got 16", "hint: "]),
-        ("list.csv", b"time,rate\n0,1\n".to_vec(), &["list.csv:1:", "not valid TOML"]),
-        ("mebibyte.toml", vec![b'#'; (1 << 20) + 1], &["must be at most 1048576 bytes, got more", "hint: "]),
+        (
+            "deep-table.toml",
+            deep_table.into_bytes(),
+            &["not valid TOML"],
+        ),
+        (
+            "sixteen-beacons.toml",
+            sixteen.into_bytes(),
+            &["arena.beacon: must be 1 to 15 beacons, got 16", "hint: "],
+        ),
+        (
+            "no-robots.toml",
+            format!("robot = []\n{head}").into_bytes(),
+            &[
+                "no-robots.toml:1:1: robot: must have at least one entry",
+                "hint: ",
+            ],
+        ),
+        (
+            "without-robots.toml",
+            head.as_bytes().to_vec(),
+            &["without-robots.toml: robot: is missing", "hint: "],
+        ),
+        (
+            "list.csv",
+            b"time,rate\n0,1\n".to_vec(),
+            &["list.csv:1:", "not valid TOML"],
+        ),
+        (
+            "mebibyte.toml",
+            vec![b'#'; (1 << 20) + 1],
+            &["must be at most 1048576 bytes, got more", "hint: "],
+        ),
     ];
     let mut all = Vec::new();
     for (name, content, says) in &rows {
@@ -360,18 +685,42 @@ fn refusal_of_other_files() {
         for command in ["check", "run"] {
             let says = [&[*name], *says].concat();
             let faults = faults(&appell(&folder, &[command, &path]), &says);
-            all.push(if faults.is_empty() { faults } else { format!("{command} {path}:\n{faults}") });
+            all.push(if faults.is_empty() {
+                faults
+            } else {
+                format!("{command} {path}:\n{faults}")
+            });
         }
     }
     for (arguments, says) in [
-        (["run", ROBOT], &["three-wheeler.toml", "must be a scenario, got a robot file", "hint: "][..]),
-        (["check", "scenarios"], &["scenarios: cannot be read: is a directory", "hint: "]),
-        (["run", "robots"], &["robots: cannot be read: is a directory", "hint: "]),
-        (["check", "scenarios/none.toml"], &["none.toml: cannot be read: No such file", "hint: "]),
-        (["run", ""], &["cannot be read"]),
+        (
+            ["run", ROBOT],
+            &[
+                "three-wheeler.toml",
+                "must be a scenario, got a robot file",
+                "hint: ",
+            ][..],
+        ),
+        (
+            ["check", "scenarios"],
+            &["scenarios: cannot be read: is a directory", "hint: "],
+        ),
+        (
+            ["run", "robots"],
+            &["robots: cannot be read: is a directory", "hint: "],
+        ),
+        (
+            ["check", "scenarios/none.toml"],
+            &["none.toml: cannot be read: No such file", "hint: "],
+        ),
+        (["run", ""], &["a value is required"]),
     ] {
         let faults = faults(&appell(&folder, &arguments), says);
-        all.push(if faults.is_empty() { faults } else { format!("{arguments:?}:\n{faults}") });
+        all.push(if faults.is_empty() {
+            faults
+        } else {
+            format!("{arguments:?}:\n{faults}")
+        });
     }
     let _ = fs::remove_dir_all(&folder);
     report(all);
@@ -381,14 +730,20 @@ fn refusal_of_other_files() {
 #[test]
 fn refusal_of_a_gibibyte() {
     let folder = workshop("gibibyte");
-    let mut file = File::create(folder.join("brackets.toml")).expect("the target folder can be written");
+    let mut file =
+        File::create(folder.join("brackets.toml")).expect("the target folder can be written");
     for _ in 0..64 {
         file.write_all(&[b'['; 1 << 20]).expect("64 MiB of room");
     }
-    file.set_len(1 << 30).expect("the file system has sparse files");
+    file.set_len(1 << 30)
+        .expect("the file system has sparse files");
     drop(file);
-    let says = ["brackets.toml: must be at most 1048576 bytes, got more", "\n  hint: "];
-    let all = ["check", "run"].map(|command| faults(&appell(&folder, &[command, "brackets.toml"]), &says));
+    let says = [
+        "brackets.toml: must be at most 1048576 bytes, got more",
+        "\n  hint: ",
+    ];
+    let all = ["check", "run"]
+        .map(|command| faults(&appell(&folder, &[command, "brackets.toml"]), &says));
     fs::remove_dir_all(&folder).expect("the gibibyte can be removed");
     report(all.to_vec());
 }
@@ -408,5 +763,8 @@ fn shipped_files_pass() {
             count += 1;
         }
     }
-    assert!(count >= 20, "four robots and sixteen scenarios are shipped, got {count} files");
+    assert!(
+        count >= 20,
+        "four robots and sixteen scenarios are shipped, got {count} files"
+    );
 }

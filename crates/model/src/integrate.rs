@@ -455,6 +455,9 @@ pub struct Adaptive<T> {
     last_step: f64,
 }
 
+/// A function of the state whose change of sign ends an adaptive integration.
+pub type Watch<'a, T> = &'a dyn Fn(&[T]) -> f64;
+
 /// Why an adaptive integration gave up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stalled {
@@ -465,6 +468,7 @@ pub enum Stalled {
 }
 
 /// Nodes, weights and the difference of the two orders of Tsitouras' pair.
+#[allow(clippy::excessive_precision)] // As published.
 mod tableau {
     pub const C: [f64; 7] = [0.0, 0.161, 0.327, 0.9, 0.980_025_540_904_509_7, 1.0, 1.0];
     pub const A: [[f64; 6]; 7] = [
@@ -593,7 +597,7 @@ impl<T: Scalar> Adaptive<T> {
         end: f64,
         x: &mut [T],
         mode: &mut [T],
-        watch: Option<&dyn Fn(&[T]) -> f64>,
+        watch: Option<Watch<'_, T>>,
     ) -> Result<f64, Stalled> {
         while t < end {
             input.at(t, &mut self.input);

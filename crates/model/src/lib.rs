@@ -7,6 +7,10 @@
 //! Units are SI throughout (m, kg, s, rad, N, N·m, V, A); frames follow REP-103: x forward, y left,
 //! z up, yaw counter-clockwise. Labels such as `[eq:contact-velocity]` name equations of the book.
 
+// Equations name their indices, and in the loops of a step an iterator is a function of its own,
+// compiled without the instruction set that the step was entered with: it costs up to tenfold.
+#![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+
 pub mod drive;
 pub mod dual;
 pub mod dynamics;

@@ -1,5 +1,6 @@
 //! Exact solutions: the torque-free sleigh, constant torque, coasting, the circle, the Euler spiral.
 #![allow(clippy::disallowed_methods)] // The truth is computed by other means than the model.
+#![allow(clippy::excessive_precision)] // Golden numbers have more digits than a double.
 
 mod common;
 

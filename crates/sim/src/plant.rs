@@ -30,7 +30,7 @@ pub struct Plant {
 
 /// A level of model.
 enum System {
-    Kinematic(Kinematic<f64>),
+    Kinematic(Box<Kinematic<f64>>),
     Rolling(Box<Rolling<f64>>),
 }
 
@@ -52,6 +52,17 @@ pub struct PlantError {
     pub hint: String,
 }
 
+/// How a plant is integrated.
+#[derive(Clone, Copy, Debug)]
+pub struct Numerics {
+    /// Method asked for.
+    pub integrator: Integrator,
+    /// Step of the physics, s.
+    pub step: f64,
+    /// Relative tolerance of the adaptive method.
+    pub tolerance: f64,
+}
+
 /// Start of a plant.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
@@ -70,9 +81,7 @@ impl Plant {
         platform: Platform<f64>,
         ground: Ground<f64>,
         level: Level,
-        integrator: Integrator,
-        step: f64,
-        tolerance: f64,
+        numerics: Numerics,
         start: Start<'_>,
     ) -> Result<Self, PlantError> {
         let layout = platform.layout().clone();
@@ -100,18 +109,19 @@ impl Plant {
         let prefix = format!("robot.{name}");
         let (inputs, outputs) = ports(&prefix, &platform, level);
         let system = match level {
-            Level::Kinematic => System::Kinematic(Kinematic::new(platform).ok_or(PlantError {
-                field: "level",
-                problem: "must be another: the driven wheels do not determine the motion".into(),
-                hint: "use level \"rolling\", or drive more wheels".into(),
-            })?),
+            Level::Kinematic => {
+                System::Kinematic(Box::new(Kinematic::new(platform).ok_or(PlantError {
+                    field: "level",
+                    problem:
+                        "must be another: the driven wheels do not determine the motion".into(),
+                    hint: "use level \"rolling\", or drive more wheels".into(),
+                })?))
+            }
             Level::Rolling => System::Rolling(Box::new(Rolling::new(platform, ground))),
         };
         let method = match &system {
-            System::Kinematic(system) => method(system, integrator, step, tolerance, &x, &u)?,
-            System::Rolling(system) => {
-                method(system.as_ref(), integrator, step, tolerance, &x, &u)?
-            }
+            System::Kinematic(system) => method(system.as_ref(), numerics, &x, &u)?,
+            System::Rolling(system) => method(system.as_ref(), numerics, &x, &u)?,
         };
         let y = vec![0.0; layout.output()];
         let mut plant = Plant {
@@ -176,12 +186,15 @@ fn wheel_rates(platform: &Platform<f64>, x: &[f64], v: &[f64]) -> Vec<f64> {
 
 fn method<S: Dynamics<f64>>(
     system: &S,
-    integrator: Integrator,
-    step: f64,
-    tolerance: f64,
+    numerics: Numerics,
     x: &[f64],
     u: &[f64],
 ) -> Result<Method, PlantError> {
+    let Numerics {
+        integrator,
+        step,
+        tolerance,
+    } = numerics;
     let sizes = system.sizes();
     // Wheels taken as turning: friction that sticks is no stiffness.
     let radius = spectral_radius(system, x, u, &vec![1.0; sizes.mode]);
@@ -320,16 +333,20 @@ impl Block for Plant {
         let (x, mode) = (&mut self.x, &mut self.mode);
         let held = Held(&self.u);
         match (&self.system, &mut self.method) {
-            (System::Kinematic(s), Method::RungeKutta4(m)) => m.step(s, &held, t, dt, x, mode),
+            (System::Kinematic(s), Method::RungeKutta4(m)) => {
+                m.step(s.as_ref(), &held, t, dt, x, mode)
+            }
             (System::Rolling(s), Method::RungeKutta4(m)) => {
                 m.step(s.as_ref(), &held, t, dt, x, mode)
             }
-            (System::Kinematic(s), Method::Exponential(m)) => m.step(s, &held, t, dt, x, mode),
+            (System::Kinematic(s), Method::Exponential(m)) => {
+                m.step(s.as_ref(), &held, t, dt, x, mode)
+            }
             (System::Rolling(s), Method::Exponential(m)) => {
                 m.step(s.as_ref(), &held, t, dt, x, mode)
             }
             (System::Kinematic(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s, &held, t, dt, x, mode)?
+                advance(&self.name, m, s.as_ref(), &held, t, dt, x, mode)?
             }
             (System::Rolling(s), Method::Adaptive(m)) => {
                 advance(&self.name, m, s.as_ref(), &held, t, dt, x, mode)?;
@@ -363,9 +380,7 @@ impl Block for Plant {
         for k in [0, 1, YAW] {
             put(self.x[k]);
         }
-        for k in 0..3 {
-            put(y[k]);
-        }
+        y[..3].iter().copied().for_each(&mut put);
         let mut swivel = 0;
         for i in 0..layout.wheels {
             put(self.x[layout.spin(i)]);
@@ -393,9 +408,7 @@ impl Block for Plant {
             put(y[layout.wheel_output(i, WheelOutput::Lateral)]);
             put(y[layout.wheel_output(i, WheelOutput::Load)]);
         }
-        for k in 3..6 {
-            put(y[k]);
-        }
+        y[3..6].iter().copied().for_each(&mut put);
         let ledger = &self.x[layout.ledger()..layout.ledger() + LEDGER];
         let [supplied, windings, gears, friction] = ledger else {
             unreachable!("the ledger has four entries");

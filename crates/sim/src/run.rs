@@ -11,7 +11,7 @@ use crate::controller::{PathFollower, Signals, Waveform, read_table};
 use crate::judge::{Judge, Verdict};
 use crate::layout::{Goal, Layout};
 use crate::plan::{self, Path};
-use crate::plant::{Plant, Start, command_signal};
+use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Signal,
@@ -157,9 +157,11 @@ impl Run {
                 platform.clone(),
                 ground,
                 robot.level,
-                scenario.time.integrator,
-                step,
-                scenario.time.tolerance,
+                Numerics {
+                    integrator: scenario.time.integrator,
+                    step,
+                    tolerance: scenario.time.tolerance,
+                },
                 start,
             )
             .map_err(|error| {

@@ -308,8 +308,8 @@ impl Block for Odometry {
             let angle = rounded(angle, self.resolution);
             let turned = angle - self.state[3 + k];
             self.state[3 + k] = angle;
-            for axis in 0..3 {
-                moved[axis] += self.gain[axis][k] * turned;
+            for (sum, gain) in moved.iter_mut().zip(&self.gain) {
+                *sum += gain[k] * turned;
             }
         }
         // The chord of an arc: displacement turned by half the change of heading, times sinc of it.

@@ -723,9 +723,12 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
         match run::<f64>(&vector, Method::Adaptive(1e-12)) {
             Ok(rows) => {
                 std::fs::write(out.join(format!("{stem}.csv")), csv(&vector, &rows))?;
-                let worst = (vector.data.len() == rows.len())
-                    .then(|| deviations(&vector, &rows))
-                    .unwrap_or_default()
+                let columns = if vector.data.len() == rows.len() {
+                    deviations(&vector, &rows)
+                } else {
+                    Vec::new()
+                };
+                let worst = columns
                     .into_iter()
                     .max_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)));
                 match worst {

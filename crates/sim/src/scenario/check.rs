@@ -102,7 +102,10 @@ impl Checker {
             let near = (period / step).round().max(1.0) * step;
             self.refuse(
                 path,
-                format!("must be a multiple of time.step = {step} s, got {}", number(period)),
+                format!(
+                    "must be a multiple of time.step = {step} s, got {}",
+                    number(period)
+                ),
                 &format!("{} would do", (near * 1e9).round() / 1e9),
             );
         }
@@ -159,7 +162,11 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
             "add a [[robot]] table",
         );
     }
-    c.unique("robot", "name", scenario.robot.iter().map(|r| r.name.as_str()));
+    c.unique(
+        "robot",
+        "name",
+        scenario.robot.iter().map(|r| r.name.as_str()),
+    );
     for robot in &scenario.robot {
         check_robot(&mut c, robot, scenario, folder);
     }
@@ -634,7 +641,10 @@ fn two(c: &mut Checker, beacons: &[String; 2], path: &str) {
     if beacons[0] == beacons[1] {
         c.refuse(
             path,
-            format!("must be two different beacons, got \"{}\" twice", beacons[0]),
+            format!(
+                "must be two different beacons, got \"{}\" twice",
+                beacons[0]
+            ),
             "the way leads between them",
         );
     }
@@ -721,7 +731,7 @@ fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
             c.refuse(
                 path("rim.angle_deg"),
                 format!("must be between -85 and 85, got {}", number(angle_deg)),
-                "45 for mecanum wheels, 0 for omni wheels; rollers across the axle resist nothing",
+                "45 for mecanum wheels, 0 for omni wheels; near 90 a rim has no grip",
             );
         }
     }

@@ -289,6 +289,12 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
                 Value::Array(items) => {
                     let wanted = &segments[at + 1..];
                     let names: Vec<String> = items.iter().map(entry_name).collect();
+                    if !items.iter().any(Value::is_table) {
+                        return Err(refuse(
+                            format!("{key} is a list of values, not of tables"),
+                            "give the whole list: [1.0, 2.0]",
+                        ));
+                    }
                     for (index, item) in items.iter_mut().enumerate() {
                         let chosen = match wanted[0] {
                             "*" => Some(1),
