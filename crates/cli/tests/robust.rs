@@ -73,7 +73,7 @@ fn invariant_killed_runs_leave_readable_recordings() {
         }
         // Chunks are whole quarters of a second: 25 rows, or all rows of a run that had ended.
         assert!(
-            recording.complete || count % 25 == 0,
+            recording.complete || count.is_multiple_of(25),
             "run {k}: {count} rows"
         );
         opened += 1;
