@@ -115,9 +115,8 @@ impl Failure {
 
 impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Self {
-        let hint = error
-            .hint()
-            .map_or(String::new(), |hint| format!("\n  hint: {hint}"));
+        let hint = error.hint().unwrap_or("what was recorded until then stays readable; choose another folder with --out");
+        let hint = format!("\n  hint: {hint}");
         Failure {
             code: exit::OUTPUT,
             text: format!("{error}{hint}"),

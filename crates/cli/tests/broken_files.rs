@@ -80,6 +80,8 @@ const SCENARIOS: &[Row] = &[
     row("mistyped-number", SLALOM, ("duration = 50.0", "duration = \"50 s\""), "duration", &["time.duration: must be a number, got string \"50 s\""]).bare(),
     row("mistyped-in-kind", SLALOM, ("speed = 0.9", "speed = \"fast\""), "speed", &["robot.tri.controller.speed: must be a number, got string \"fast\""]).bare(),
     row("mistyped-string", SLALOM, ("name = \"slalom\"", "name = 5"), "name", &["name: must be a string, got integer 5"]).bare(),
+    row("number-for-word", SLALOM, ("level = \"rolling\"", "level = 5"), "level", &["robot.tri.level: must be a word in quotes, got integer 5"]).bare(),
+    row("mistyped-signal", CIRCLE, ("to_time = 2.0, to = 1.0", "to_time = \"late\", to = 1.0"), "signal = { kind = \"ramp\", from_time = 0.0, to_time = \"late\"", &["robot.bubble.controller.channel.yaw_rate.signal.to_time: must be a number, got string \"late\""]).bare(),
     row("mistyped-list", SLALOM, ("size = [8.0, 4.0]", "size = 8.0"), "size", &["arena.size: must be", "got floating point 8.0"]).bare(),
     row("short-list", SLALOM, ("size = [8.0, 4.0]", "size = [8.0]"), "size", &["arena.size: must be a list of length 2, got length 1"]).bare(),
     row("unknown-key", SLALOM, ("friction = 0.7", "friction = 0.7\ncolor = \"red\""), "color", &["terrain.color: unknown key", "known here:"]),
@@ -139,7 +141,7 @@ const SCENARIOS: &[Row] = &[
     row("table-backwards", CIRCLE, ("{ kind = \"ramp\", from_time = 0.0, to_time = 2.0, to = 1.0 }", "{ kind = \"table\", file = \"backwards.csv\", column = \"rate\" }"), "signal = { kind = \"table\"", &["yaw_rate.signal.file", "line 4: times must increase, got 0.5"]),
     row("table-without-column", CIRCLE, ("{ kind = \"ramp\", from_time = 0.0, to_time = 2.0, to = 1.0 }", "{ kind = \"table\", file = \"text.csv\", column = \"speed\" }"), "signal = { kind = \"table\"", &["yaw_rate.signal.file", "must have a column \"speed\", got time, rate"]),
     // The run as a whole.
-    row("unstable-method", "scenarios/eight.toml", ("duration = 60.0", "integrator = \"rk4\"\nduration = 60.0"), "", &["time.integrator", "rk4"]).whole(),
+    row("unstable-method", "scenarios/eight.toml", ("duration = 60.0", "integrator = \"rk4\"\nduration = 60.0"), "", &["time.integrator: must be another: Runge–Kutta 4 is unstable"]).whole(),
     row("gap-too-narrow", GATE, ("position = [3.0, 1.5]", "position = [3.0, 2.4]"), "", &["robot.p3dx.task: cannot be solved"]).whole(),
 ];
 
@@ -303,7 +305,10 @@ const ROBOTS: &[Row] = &[
     row(
         "locked-wheels",
         ROBOT,
-        ("mount = [0.0, 0.2]\n", "mount = [0.1, 0.2]\n"),
+        (
+            "steering = { kind = \"free\", trail = 0.03 }",
+            "steering = { kind = \"fixed\", angle_deg = 90.0 }\n\n[[wheel]]\nname = \"tail\"\nmount = [-0.16, 0.1]\nradius = 0.03",
+        ),
         "",
         &["wheel: must leave a way to roll"],
     )
@@ -377,6 +382,10 @@ const SETS: &[(&[&str], &[&str])] = &[
     (
         &["--set", "robot.tri.task={ kind = \"gate\" }"],
         &["--set: robot.tri.task.beacons: is missing"],
+    ),
+    (
+        &["--set", "robot.tri.file=none.toml"],
+        &["--set: robot.tri.file: \"none.toml\" cannot be read"],
     ),
     (&["--set", "=5"], &["--set: must be names joined by dots"]),
     (&["--set", "robot=5"], &["--set: robot: must be"]),

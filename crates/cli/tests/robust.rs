@@ -35,7 +35,7 @@ fn invariant_killed_runs_leave_readable_recordings() {
                 "run",
                 "scenarios/sleigh.toml",
                 "--set",
-                "time.duration=2000",
+                "time.duration=300",
                 "--set",
                 "record.period=0.01",
                 "--no-report",

@@ -65,7 +65,7 @@ pub fn load_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Loade
     for (path, value) in &files {
         set(&mut table, path, value).map_err(one)?;
     }
-    put_in_robots(&mut table, &folder, &mut sources).map_err(one)?;
+    put_in_robots(&mut table, &folder, &mut sources, overrides).map_err(one)?;
     for (path, value) in &overrides_of_values {
         set(&mut table, path, value).map_err(one)?;
     }
@@ -191,7 +191,7 @@ fn explain_syntax(message: &str) -> (&str, &'static str) {
         "numbers lie within 1.8e308, whole numbers within 9.2e18"
     } else if message.contains("duplicate key") {
         "each key stands once in its table"
-    } else if message.contains("recursion limit") {
+    } else if message.contains("recurse") {
         "no key of these files is nested that deeply"
     } else {
         "strings stand in quotes, tables in [brackets], lists of tables in [[double brackets]]"
@@ -204,6 +204,7 @@ fn put_in_robots(
     table: &mut Table,
     folder: &Path,
     sources: &mut Vec<Source>,
+    overrides: &Overrides,
 ) -> Result<(), Diagnostic> {
     let Some(Value::Array(robots)) = table.get_mut("robot") else {
         return Ok(());
@@ -219,7 +220,13 @@ fn put_in_robots(
             continue;
         };
         let fail = |problem: String, hint: &str| {
-            locate(sources, &[], path.clone(), problem, Some(hint.to_owned()))
+            locate(
+                sources,
+                overrides,
+                path.clone(),
+                problem,
+                Some(hint.to_owned()),
+            )
         };
         if robot.contains_key("platform") {
             return Err(fail(
@@ -380,7 +387,10 @@ fn shape<T: DeserializeOwned>(
             }
             path.push_str(&name);
         }
-        let message = error.inner().message().trim().to_owned();
+        // Of a word that is none, toml says "unit variant" whatever it is.
+        let got = current.map_or_else(String::new, described);
+        let message = error.inner().message().trim();
+        let message = message.replace("unit variant", &got);
         let (problem, hint, key) = explain(&message);
         let key = key.or_else(|| current.and_then(|value| culprit(value, &message)));
         if let Some(key) = key
@@ -395,7 +405,7 @@ fn shape<T: DeserializeOwned>(
     })
 }
 
-/// The key of a table that holds the value a message speaks of: below a `kind`, serde names the
+/// The path, within a table, of the value a message speaks of: below a `kind`, serde names the
 /// table only. None if the value itself is meant, or several could be.
 fn culprit(value: &Value, message: &str) -> Option<String> {
     let got = ["invalid type: ", "invalid value: "]
@@ -403,11 +413,44 @@ fn culprit(value: &Value, message: &str) -> Option<String> {
         .find_map(|start| message.strip_prefix(start))
         .and_then(|rest| rest.split_once(", expected "))
         .map(|(got, _)| got)?;
-    let table = value.as_table().filter(|_| described(value) != got)?;
-    let mut fitting = table.iter().filter(|(_, value)| described(value) == got);
-    match (fitting.next(), fitting.next()) {
-        (Some((key, _)), None) => Some(key.clone()),
-        _ => None,
+    if described(value) == got {
+        return None;
+    }
+    let mut fitting = Vec::new();
+    descend(value, "", &mut |path, inner| {
+        if described(inner) == got {
+            fitting.push(path.to_owned());
+        }
+    });
+    fitting.pop().filter(|_| fitting.is_empty())
+}
+
+/// Calls `visit` with every value below `value` and its path.
+fn descend(value: &Value, path: &str, visit: &mut impl FnMut(&str, &Value)) {
+    let inner: Vec<(String, &Value)> = match value {
+        Value::Table(table) => table.iter().map(|(key, v)| (key.clone(), v)).collect(),
+        Value::Array(items) => {
+            let names = items.iter().enumerate();
+            let names = names.map(|(index, item)| match entry_name(item).as_str() {
+                "?" => index.to_string(),
+                name => name.to_owned(),
+            });
+            names.zip(items).collect()
+        }
+        Value::String(_)
+        | Value::Integer(_)
+        | Value::Float(_)
+        | Value::Boolean(_)
+        | Value::Datetime(_) => return,
+    };
+    for (key, value) in inner {
+        let path = if path.is_empty() {
+            key
+        } else {
+            format!("{path}.{key}")
+        };
+        visit(&path, value);
+        descend(value, &path, visit);
     }
 }
 
@@ -481,7 +524,9 @@ fn expectation(words: &str) -> String {
         "u32" | "u64" => "a whole number that is not negative".into(),
         "a sequence" => "a list".into(),
         "a map" => "a table".into(),
-        "string or map" | "variant identifier" | "variant of enum" => "a word in quotes".into(),
+        "string only" | "string or map" | "variant identifier" | "variant of enum" => {
+            "a word in quotes".into()
+        }
         _ if words.contains("struct ") || words.contains("enum ") => "a table".into(),
         other => other.replace("an array of", "a list of"),
     }
