@@ -1,5 +1,6 @@
 //! `appell check`.
 
+use std::io::Read;
 use std::path::Path;
 
 use appell_sim::design::{Design, design};
@@ -72,9 +73,13 @@ pub fn check(options: &CheckOptions) -> u8 {
 
 /// Whether the file has the wheels of a robot file and not the robots of a scenario.
 fn is_robot(file: &Path) -> bool {
-    let Ok(text) = std::fs::read_to_string(file) else {
+    // More than a scenario may hold is not read here either.
+    let mut text = String::new();
+    let read =
+        std::fs::File::open(file).and_then(|open| open.take(1 << 20).read_to_string(&mut text));
+    if read.is_err() {
         return false;
-    };
+    }
     let has = |table: &str| {
         text.lines()
             .any(|line| line.trim_start().starts_with(table))

@@ -115,7 +115,9 @@ impl Failure {
 
 impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Self {
-        let hint = error.hint().unwrap_or("what was recorded until then stays readable; choose another folder with --out");
+        let hint = error.hint().unwrap_or(
+            "what was recorded until then stays readable; choose another folder with --out",
+        );
         let hint = format!("\n  hint: {hint}");
         Failure {
             code: exit::OUTPUT,

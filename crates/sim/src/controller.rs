@@ -1,5 +1,6 @@
 //! Controllers: open-loop signals, and the followers of planned paths that solve the beacon tasks.
 
+use std::io::Read;
 use std::path::Path as FilePath;
 
 use appell_model::math::wrap_angle;
@@ -122,10 +123,21 @@ fn formula_at(formula: &SignalFile, t: f64) -> f64 {
     }
 }
 
+/// Largest CSV file that is read, bytes.
+const TABLE_BYTES_MAX: u64 = 64 << 20;
+
 /// Reads time and one column of a CSV file with a header row.
 pub fn read_table(file: &FilePath, column: &str) -> Result<(Vec<f64>, Vec<f64>), String> {
-    let text = std::fs::read_to_string(file)
+    let mut text = String::new();
+    std::fs::File::open(file)
+        .and_then(|open| open.take(TABLE_BYTES_MAX + 1).read_to_string(&mut text))
         .map_err(|error| format!("\"{}\" cannot be read: {error}", file.display()))?;
+    if text.len() as u64 > TABLE_BYTES_MAX {
+        return Err(format!(
+            "\"{}\" must be at most {TABLE_BYTES_MAX} bytes, got more",
+            file.display()
+        ));
+    }
     let mut lines = text
         .lines()
         .enumerate()

@@ -270,8 +270,12 @@ fn sentence(summary: &Summary) -> String {
 /// Seven significant digits: more than any picture shows.
 fn rounded(column: &[f64]) -> Vec<f64> {
     let largest = column.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-    if largest == 0.0 || !largest.is_finite() {
+    if !largest.is_finite() {
         return column.to_vec();
+    }
+    // Below this everything is rounding: a robot that drives straight does not yaw by 1e-18 rad/s.
+    if largest < 1e-12 {
+        return vec![0.0; column.len()];
     }
     let mut unit = 1.0;
     while unit * largest < 1e6 {

@@ -244,7 +244,7 @@ export function drawPlots(panels, options = {}) {
     return { least, most, axis, ...scaled, names: axis.ticks.map(v => tickText(v * scaled.factor, axis.step * scaled.factor)) };
   });
   const left = Math.max(36, ...measured.map(m => Math.max(...m.names.map(n => textWidth(n, 12))) + 12));
-  const right = width - clamp(Math.max(40, ...words.map(w => textWidth(w, 12) + 12)), 40, Math.max(70, width * 0.2));
+  const right = width - clamp(Math.max(textWidth('time, s', 12) + 22, ...words.map(w => textWidth(w, 12) + 12)), 40, Math.max(70, width * 0.2));
   const x = (/** @type {number} */ t) => left + (t - t0) / (t1 - t0) * (right - left);
   const shown = events.filter(e => e.t >= t0 - 1e-9 && e.t <= t1 + 1e-9);
   let svg = `<clipPath id="${id}-time"><rect x="${left - 1}" y="0" width="${px(right - left + 2)}" height="100000"/></clipPath>`;
@@ -306,7 +306,7 @@ export function drawPlots(panels, options = {}) {
     frames.push({ top, height, low: axis.low, high: axis.high, title: left + textWidth(panel.title + unit + note, 12.3) });
     if (index === panels.length - 1) {
       svg += tTicks.map(t => label(x(t), top + height + 17, tickText(t, tStep), 'tick', 'middle')).join('');
-      svg += label(right + 8, top + height + 17, 'time, s', 'tick');
+      svg += label(right + 18, top + height + 17, 'time, s', 'tick');
     }
     y0 = top + height;
   });

@@ -49,7 +49,10 @@ function verdictOf(status) {
 function header(run) {
   const { status, sentence } = run.verdict;
   const { className, mark } = verdictOf(status);
-  return `<header><span class="badge ${className}"><svg width="15" height="15" viewBox="0 0 15 15" aria-hidden="true"><path d="${mark}"/></svg>${escapeText(status.toUpperCase())}</span><div><h1>${escapeText(run.scenario.title || run.scenario.name)}</h1><p>${escapeText(sentence)}</p></div></header>`;
+  const [robot, ...others] = run.robots;
+  const model = robot && others.length === 0 ? [`level ${robot.level}`, `drive ${robot.drive}`] : [];
+  const setup = [...model, run.scenario.integrator, `step ${plain(run.scenario.step * 1000)} ms`].filter(Boolean).join(' · ');
+  return `<header><span class="badge ${className}"><svg width="15" height="15" viewBox="0 0 15 15" aria-hidden="true"><path d="${mark}"/></svg>${escapeText(status.toUpperCase())}</span><div><h1>${escapeText(run.scenario.title || run.scenario.name)}</h1><p>${escapeText(sentence)}</p><p class="quiet">${escapeText(setup)}</p></div></header>`;
 }
 
 /** @param {Run} run */
