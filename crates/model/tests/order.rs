@@ -21,7 +21,7 @@ fn order_rk4() {
     let x0 = SLEIGH.state([0.0, 0.0, 0.3], [0.5, 2.0]);
     let u = vec![0.0; system.sizes().input];
     let (truth, _) = integrate(&system, &x0, &u, 3.2, Method::Adaptive(1e-14));
-    let steps = [0.02, 0.01, 0.005, 0.0025, 0.00125];
+    let steps = [0.04, 0.02, 0.01, 0.005, 0.0025];
     let errors = steps.map(|h| {
         distance(
             &integrate(&system, &x0, &u, 3.2, Method::Rk4(h)).0[..3],
@@ -85,8 +85,11 @@ fn order_adaptive() {
         distance(&x[..3], &truth[..3])
     });
     let order = slope(&steps, &errors);
+    // On this decaying motion the leading error partly cancels: the end converges faster than the
+    // order of the method, never slower.
+    let claim = f64::from(Adaptive::<f64>::ORDER);
     assert!(
-        (order - f64::from(Adaptive::<f64>::ORDER)).abs() < 0.5,
+        order > claim - 0.05 && order < claim + 1.0,
         "order {order:.3}, errors {errors:?}"
     );
 }
