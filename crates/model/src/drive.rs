@@ -47,6 +47,19 @@ pub struct DcMotor<T> {
 }
 
 impl<T: Scalar> DcMotor<T> {
+    /// The constants that a step needs, multiplied out.
+    pub fn winding(&self) -> Winding<T> {
+        Winding {
+            torque: self.torque_per_current(),
+            emf: self.back_emf(T::one()),
+            resistance: self.resistance,
+            conductance: T::one() / self.resistance,
+            slope: T::one() / self.inductance,
+            window: self.resistance * self.current_max,
+            voltage_max: self.voltage_max,
+        }
+    }
+
     /// Torque at the axle per ampere, N·m/A.
     #[inline(always)]
     pub fn torque_per_current(&self) -> T {
@@ -59,24 +72,6 @@ impl<T: Scalar> DcMotor<T> {
         self.back_emf_constant * self.gear_ratio * spin_rate
     }
 
-    /// Voltage at the terminals, V: the command within the window E ± R I_max of the current limit
-    /// and within the supply.
-    ///
-    /// In that window L İ ≤ R (I_max − I), so that |I| never exceeds the limit once within it.
-    #[inline(always)]
-    pub fn terminal_voltage(&self, command: T, spin_rate: T) -> T {
-        let emf = self.back_emf(spin_rate);
-        let window = self.resistance * self.current_max;
-        let limited = command.max(emf - window).min(emf + window);
-        limited.max(-self.voltage_max).min(self.voltage_max)
-    }
-
-    /// Rate of the current, A/s.
-    #[inline(always)]
-    pub fn current_rate(&self, voltage: T, current: T, spin_rate: T) -> T {
-        (voltage - self.resistance * current - self.back_emf(spin_rate)) / self.inductance
-    }
-
     /// Largest torque at the axle, at stall, N·m.
     pub fn stall_torque(&self) -> T {
         self.torque_per_current() * (self.voltage_max / self.resistance).min(self.current_max)
@@ -85,5 +80,51 @@ impl<T: Scalar> DcMotor<T> {
     /// Spin rate of the axle without load, rad/s.
     pub fn no_load_rate(&self) -> T {
         self.voltage_max / (self.back_emf_constant * self.gear_ratio)
+    }
+}
+
+/// A motor as a step sees it: constants that do not change within a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Winding<T> {
+    /// η n K_M: torque at the axle per current, N·m/A.
+    pub torque: T,
+    /// n K_e: back-EMF per rate of the axle, V·s/rad.
+    pub emf: T,
+    /// R, Ω.
+    pub resistance: T,
+    /// 1/R, S.
+    pub conductance: T,
+    /// 1/L, 1/H.
+    pub slope: T,
+    /// R I_max: how far the voltage may part from the back-EMF, V.
+    pub window: T,
+    /// Largest voltage, V.
+    pub voltage_max: T,
+}
+
+impl<T: Scalar> Winding<T> {
+    /// Voltage at the terminals, V: the command within the window E ± R I_max of the current limit
+    /// and within the supply.
+    ///
+    /// In that window L İ ≤ R (I_max − I), so that |I| never exceeds the limit once within it.
+    #[inline(always)]
+    pub fn terminal_voltage(&self, command: T, emf: T) -> T {
+        // The supply's limits on each end of the window, and not last, keep the chain of a step short.
+        let command = command.max(-self.voltage_max).min(self.voltage_max);
+        let lowest = (emf - self.window).min(self.voltage_max);
+        let highest = (emf + self.window).max(-self.voltage_max);
+        command.max(lowest).min(highest)
+    }
+
+    /// Rate of the current, A/s: L İ = U − R I − E.
+    #[inline(always)]
+    pub fn current_rate(&self, voltage: T, current: T, emf: T) -> T {
+        (-self.resistance).mul_add(current, voltage - emf) * self.slope
+    }
+
+    /// Current without inductance, A: R I = U − E.
+    #[inline(always)]
+    pub fn steady_current(&self, voltage: T, emf: T) -> T {
+        (voltage - emf) * self.conductance
     }
 }

@@ -23,17 +23,27 @@ pub struct Sizes {
 /// turns (−1, +1) or 0 when it rests. A step of an integrator is `decide`, then `derivative` at
 /// constant mode, then `settle`.
 pub trait Dynamics<T: Scalar>: Send + Sync {
+    /// Index of the first state of the linear part, where the compiler knows the sizes.
+    const STIFF: usize = 0;
     /// Sizes of all vectors.
     fn sizes(&self) -> Sizes;
     /// Rate of the state.
     fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]);
     /// Outputs at an instant.
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]);
+    /// The outputs that are motion: twist, spin and steering rates. The others keep their values.
+    #[inline(always)]
+    fn motion(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+        self.output(x, u, mode, y);
+    }
     /// Chooses the mode for a step that begins here: what rests and would be pushed harder than
     /// its friction holds, lets go.
     fn decide(&self, x: &[T], u: &[T], mode: &mut [T]);
     /// Ends a step: what turned over within it comes to rest, and redundant states are renewed.
     fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]);
+    /// Brings pairs of cosine and sine in a stage of low order back to length one.
+    #[inline(always)]
+    fn straighten(&self, _stage: &mut [T]) {}
     /// Functions that are positive while the mode holds; an adaptive step ends where one vanishes.
     fn guards(&self, x: &[T], u: &[T], mode: &[T], g: &mut [T]);
     /// The linear part of the stiff states, if the system has one: fills `matrix` (row-major,
@@ -41,14 +51,33 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     fn linear_part(&self, _mode: &[T], _matrix: &mut [T]) -> Option<core::ops::Range<usize>> {
         None
     }
+    /// Does a job on this system, or on a twin of it whose sizes the compiler knows. Same bits.
+    #[inline(always)]
+    fn specialised<J: Work<T>>(&self, job: J) -> J::Output
+    where
+        Self: Sized,
+    {
+        job.run::<0, 0, _>(self)
+    }
     /// States for which a tolerance makes no sense because they repeat others or only keep books.
     fn is_derived(&self, _index: usize) -> bool {
         false
     }
 }
 
+/// What is done with a system whose type the caller does not know.
+pub trait Work<T: Scalar> {
+    /// What comes of it.
+    type Output;
+    /// Does it. N is the length of the state and Z that of the linear part, or both are 0 where
+    /// only run time knows them.
+    fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) -> Self::Output;
+}
+
 /// An input as a function of time.
 pub trait Input<T: Scalar> {
+    /// Whether it is the same at all times.
+    const HELD: bool = false;
     /// Writes the input at `t`, s, into `u`.
     fn at(&self, t: f64, u: &mut [T]);
 }
@@ -57,6 +86,8 @@ pub trait Input<T: Scalar> {
 pub struct Held<'a, T>(pub &'a [T]);
 
 impl<T: Scalar> Input<T> for Held<'_, T> {
+    const HELD: bool = true;
+
     #[inline(always)]
     fn at(&self, _t: f64, u: &mut [T]) {
         for k in 0..self.0.len() {

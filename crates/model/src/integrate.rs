@@ -4,7 +4,7 @@
 //! Each step is: decide the mode, move at constant mode, settle. A jump of the input ends a step;
 //! seeing to that is the caller's part. Nothing allocates after construction.
 
-use crate::dynamics::{Dynamics, Input};
+use crate::dynamics::{Dynamics, Input, Work};
 use crate::scalar::{Mask, Scalar};
 
 /// The classical Runge–Kutta method of order 4.
@@ -45,36 +45,80 @@ struct Propagator<T> {
     integral: Vec<T>,
 }
 
-/// Runs `$body` compiled for fused multiply-add where the processor has it. The bits are the same
-/// either way: `mul_add` is fused everywhere.
-macro_rules! dispatched {
-    ($(#[$meta:meta])* pub fn $name:ident<$t:ident, $s:ident, $i:ident>(&mut $self:ident, $($arg:ident: $ty:ty),* $(,)?) $body:block) => {
-        $(#[$meta])*
-        pub fn $name<$s: Dynamics<$t>, $i: Input<$t>>(&mut $self, $($arg: $ty),*) {
-            #[cfg(target_arch = "x86_64")]
-            {
-                #[target_feature(enable = "avx2,fma")]
-                fn fused<$t: Scalar, $s: Dynamics<$t>, $i: Input<$t>>(this: &mut Own<$t>, $($arg: $ty),*) {
-                    this.plain($($arg),*);
+/// Numbers that do not straddle cache lines, wherever the stack begins.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+struct Aligned<T, const N: usize>([T; N]);
+
+/// One step, as a job for the twin of a system whose sizes the compiler knows.
+struct Step<'a, T, M, I> {
+    method: &'a mut M,
+    input: &'a I,
+    t: f64,
+    dt: f64,
+    x: &'a mut [T],
+    mode: &'a mut [T],
+}
+
+/// A method of fixed steps: `step` is compiled for fused multiply-add where the processor has it.
+/// The bits are the same either way: `mul_add` is fused everywhere.
+macro_rules! stepped {
+    ($method:ident) => {
+        impl<T: Scalar> $method<T> {
+            /// Advances x and mode from t to t + dt, s.
+            #[allow(clippy::too_many_arguments)]
+            pub fn step<S: Dynamics<T>, I: Input<T>>(
+                &mut self,
+                system: &S,
+                input: &I,
+                t: f64,
+                dt: f64,
+                x: &mut [T],
+                mode: &mut [T],
+            ) {
+                let step = Step {
+                    method: self,
+                    input,
+                    t,
+                    dt,
+                    x,
+                    mode,
+                };
+                #[cfg(target_arch = "x86_64")]
+                {
+                    #[target_feature(enable = "avx2,fma")]
+                    fn fused<T: Scalar, S: Dynamics<T>, I: Input<T>>(
+                        system: &S,
+                        step: Step<'_, T, $method<T>, I>,
+                    ) {
+                        system.specialised(step);
+                    }
+                    if std::arch::is_x86_feature_detected!("avx2")
+                        && std::arch::is_x86_feature_detected!("fma")
+                    {
+                        // SAFETY: the features that `fused` is compiled for were found on this
+                        // processor.
+                        #[allow(unsafe_code)]
+                        unsafe {
+                            fused(system, step);
+                        }
+                    } else {
+                        // Rare machines, for which no sizes are compiled in.
+                        step.run::<0, 0, S>(system);
+                    }
                 }
-                if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
-                    // SAFETY: the features that `fused` is compiled for were found on this processor.
-                    #[allow(unsafe_code)]
-                    unsafe { fused($self, $($arg),*) };
-                    return;
-                }
+                #[cfg(not(target_arch = "x86_64"))]
+                system.specialised(step);
             }
-            $self.plain($($arg),*);
         }
-        #[inline(always)]
-        #[allow(clippy::too_many_arguments)]
-        fn plain<$s: Dynamics<$t>, $i: Input<$t>>(&mut $self, $($arg: $ty),*) $body
     };
 }
 
+stepped!(RungeKutta4);
+stepped!(Exponential);
+
 mod rk4 {
     use super::*;
-    type Own<T> = RungeKutta4<T>;
 
     impl<T: Scalar> RungeKutta4<T> {
         /// Order of the method.
@@ -91,60 +135,88 @@ mod rk4 {
                 input: vec![T::zero(); inputs],
             }
         }
+    }
 
-        dispatched! {
-            /// Advances x and mode from t to t + dt, s.
-            pub fn step<T, S, I>(
-                &mut self,
-                system: &S,
-                input: &I,
-                t: f64,
-                dt: f64,
-                x: &mut [T],
-                mode: &mut [T],
-            ) {
-                let n = x.len();
-                let (slope, sum, stage) =
-                    (&mut self.slope[..n], &mut self.sum[..n], &mut self.stage[..n]);
-                input.at(t, &mut self.input);
-                system.decide(x, &self.input, mode);
-                for k in 0..n {
-                    stage[k] = x[k];
+    impl<T: Scalar, I: Input<T>> Work<T> for Step<'_, T, RungeKutta4<T>, I> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
+            self.input.at(self.t, &mut self.method.input);
+            system.decide(self.x, &self.method.input, self.mode);
+            if N == 0 {
+                let n = self.x.len();
+                let RungeKutta4 {
+                    slope,
+                    sum,
+                    stage,
+                    input,
+                } = self.method;
+                let buffers = [&mut slope[..n], &mut sum[..n], &mut stage[..n]];
+                stages(
+                    system, self.input, self.t, self.dt, input, self.x, self.mode, buffers,
+                );
+            } else {
+                // Arrays of known length need no memory but registers.
+                let [mut x, mut slope, mut sum, mut stage] = [Aligned([T::zero(); N]); 4];
+                for k in 0..N {
+                    x.0[k] = self.x[k];
                 }
-                const AHEAD: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
-                const WEIGHT: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
-                for i in 0..4 {
-                    if i > 0 {
-                        input.at(t + AHEAD[i] * dt, &mut self.input);
-                        let ahead = T::from(AHEAD[i] * dt);
-                        for k in 0..n {
-                            stage[k] = ahead.mul_add(slope[k], x[k]);
-                        }
-                    }
-                    system.derivative(stage, &self.input, mode, slope);
-                    let weight = T::from(WEIGHT[i] * dt);
-                    if i == 0 {
-                        for k in 0..n {
-                            sum[k] = weight * slope[k];
-                        }
-                    } else {
-                        for k in 0..n {
-                            sum[k] = weight.mul_add(slope[k], sum[k]);
-                        }
-                    }
+                let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
+                let input = &mut self.method.input;
+                stages(
+                    system, self.input, self.t, self.dt, input, &mut x.0, self.mode, buffers,
+                );
+                for k in 0..N {
+                    self.x[k] = x.0[k];
                 }
-                for k in 0..n {
-                    x[k] += sum[k];
-                }
-                system.settle(x, &self.input, mode);
             }
+            system.settle(self.x, &self.method.input, self.mode);
+        }
+    }
+
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    fn stages<T: Scalar, S: Dynamics<T>, I: Input<T>>(
+        system: &S,
+        input: &I,
+        t: f64,
+        dt: f64,
+        u: &mut [T],
+        x: &mut [T],
+        mode: &[T],
+        [slope, sum, stage]: [&mut [T]; 3],
+    ) {
+        const AHEAD: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
+        const WEIGHT: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
+        let n = x.len();
+        system.derivative(x, u, mode, slope);
+        let weight = T::from(WEIGHT[0] * dt);
+        for k in 0..n {
+            sum[k] = weight * slope[k];
+        }
+        for i in 1..4 {
+            if !I::HELD {
+                input.at(t + AHEAD[i] * dt, u);
+            }
+            let ahead = T::from(AHEAD[i] * dt);
+            for k in 0..n {
+                stage[k] = ahead.mul_add(slope[k], x[k]);
+            }
+            system.derivative(stage, u, mode, slope);
+            let weight = T::from(WEIGHT[i] * dt);
+            for k in 0..n {
+                sum[k] = weight.mul_add(slope[k], sum[k]);
+            }
+        }
+        for k in 0..n {
+            x[k] += sum[k];
         }
     }
 }
 
 mod etd {
     use super::*;
-    type Own<T> = Exponential<T>;
 
     /// Shares of the step at Gauss's three nodes, (1 ± √(3/5))/2 and ½, and at its end.
     const SHARES: [f64; 4] = [0.112_701_665_379_258_3, 0.5, 0.887_298_334_620_741_7, 1.0];
@@ -216,90 +288,180 @@ mod etd {
                 );
             }
         }
+    }
 
-        dispatched! {
-            /// Advances x and mode from t to t + dt, s.
-            pub fn step<T, S, I>(
-                &mut self,
-                system: &S,
-                input: &I,
-                t: f64,
-                dt: f64,
-                x: &mut [T],
-                mode: &mut [T],
-            ) {
-                let (n, size) = (x.len(), self.size);
-                input.at(t, &mut self.input);
-                system.decide(x, &self.input, mode);
-                self.renew(system, mode, dt);
-                let Self {
-                    range,
-                    linear,
-                    propagators,
-                    slopes,
-                    stage,
-                    start,
-                    rest,
-                    input: u,
-                    ..
-                } = self;
-                // Slices of one length: the loops over states then run without checks, on lanes.
-                let range = range.clone();
-                let stage = &mut stage[..n];
+    impl<T: Scalar, I: Input<T>> Work<T> for Step<'_, T, Exponential<T>, I> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
+            self.input.at(self.t, &mut self.method.input);
+            system.decide(self.x, &self.method.input, self.mode);
+            self.method.renew(system, self.mode, self.dt);
+            let Exponential {
+                size,
+                range,
+                linear,
+                propagators,
+                slopes,
+                stage,
+                start,
+                rest,
+                input: u,
+                ..
+            } = self.method;
+            let matrices = (&linear[..], &*propagators);
+            if N == 0 {
+                let n = self.x.len();
                 let [first, middle, early, late] = slopes;
-                let (first, middle) = (&mut first[..n], &mut middle[..n]);
-                let (early, late) = (&mut early[..n], &mut late[..n]);
-                let start = &mut start[..size];
-                for k in 0..size {
-                    start[k] = x[range.start + k];
+                let buffers = Buffers {
+                    slopes: [
+                        &mut first[..n],
+                        &mut middle[..n],
+                        &mut early[..n],
+                        &mut late[..n],
+                    ],
+                    stage: &mut stage[..n],
+                    start: &mut start[..*size],
+                    rest: &mut rest[..*size],
+                };
+                nodes(
+                    system,
+                    self.input,
+                    self.t,
+                    self.dt,
+                    range.start,
+                    matrices,
+                    u,
+                    self.x,
+                    self.mode,
+                    buffers,
+                );
+            } else {
+                let [mut x, mut stage] = [Aligned([T::zero(); N]); 2];
+                for k in 0..N {
+                    x.0[k] = self.x[k];
                 }
+                let [mut first, mut middle, mut early, mut late] = [Aligned([T::zero(); N]); 4];
+                let [mut start, mut rest] = [Aligned([T::zero(); Z]); 2];
+                let buffers = Buffers {
+                    slopes: [&mut first.0, &mut middle.0, &mut early.0, &mut late.0],
+                    stage: &mut stage.0,
+                    start: &mut start.0,
+                    rest: &mut rest.0,
+                };
+                nodes(
+                    system,
+                    self.input,
+                    self.t,
+                    self.dt,
+                    S::STIFF,
+                    matrices,
+                    u,
+                    &mut x.0,
+                    self.mode,
+                    buffers,
+                );
+                for k in 0..N {
+                    self.x[k] = x.0[k];
+                }
+            }
+            system.settle(self.x, u, self.mode);
+        }
+    }
 
-                system.derivative(x, u, mode, first);
-                remainder(size, linear, start, &first[range.clone()], rest);
+    /// Room for a step: slopes at its start and at the three nodes (middle, first, last), a stage,
+    /// and the stiff states at the start with what is not linear in their rates.
+    struct Buffers<'a, T> {
+        slopes: [&'a mut [T]; 4],
+        stage: &'a mut [T],
+        start: &'a mut [T],
+        rest: &'a mut [T],
+    }
 
-                // The middle of the step, which gives what is not linear.
-                let half = T::from(0.5 * dt);
-                for k in 0..n {
-                    stage[k] = half.mul_add(first[k], x[k]);
-                }
-                propagators[MIDDLE].apply(size, start, rest, &mut stage[range.clone()]);
-                input.at(t + 0.5 * dt, u);
-                system.derivative(stage, u, mode, middle);
-                remainder(size, linear, &stage[range.clone()], &middle[range.clone()], rest);
+    /// `from` is the index of the first stiff state.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
+        system: &S,
+        input: &I,
+        t: f64,
+        dt: f64,
+        from: usize,
+        (linear, propagators): (&[T], &[Propagator<T>; 4]),
+        u: &mut [T],
+        x: &mut [T],
+        mode: &[T],
+        buffers: Buffers<'_, T>,
+    ) {
+        let Buffers {
+            slopes: [first, middle, early, late],
+            stage,
+            start,
+            rest,
+        } = buffers;
+        let (n, size) = (x.len(), start.len());
+        for k in 0..size {
+            start[k] = x[from + k];
+        }
+        system.derivative(x, u, mode, first);
+        remainder(linear, start, &first[from..from + size], rest);
 
-                // The outer nodes of the quadrature.
-                const OUTER: [usize; 2] = [0, 2];
-                for side in 0..2 {
-                    let share = SHARES[OUTER[side]];
-                    let before = T::from(share * dt * (1.0 - share));
-                    let after = T::from(share * dt * share);
-                    for k in 0..n {
-                        let moved = before.mul_add(first[k], x[k]);
-                        stage[k] = after.mul_add(middle[k], moved);
-                    }
-                    propagators[OUTER[side]].apply(size, start, rest, &mut stage[range.clone()]);
-                    input.at(t + share * dt, u);
-                    let slope = if side == 0 { &mut *early } else { &mut *late };
-                    system.derivative(stage, u, mode, slope);
-                }
-                let (outer, inner) = (T::from(dt * (5.0 / 18.0)), T::from(dt * (8.0 / 18.0)));
-                for k in 0..n {
-                    let sum = inner.mul_add(middle[k], x[k]);
-                    x[k] = outer.mul_add(early[k] + late[k], sum);
-                }
-                propagators[END].apply(size, start, rest, &mut x[range]);
-                system.settle(x, u, mode);
+        // The middle of the step, which gives what is not linear.
+        let half = T::from(0.5 * dt);
+        for k in 0..n {
+            stage[k] = half.mul_add(first[k], x[k]);
+        }
+        propagators[MIDDLE].apply(start, rest, &mut stage[from..from + size]);
+        system.straighten(stage);
+        if !I::HELD {
+            input.at(t + 0.5 * dt, u);
+        }
+        system.derivative(stage, u, mode, middle);
+        remainder(
+            linear,
+            &stage[from..from + size],
+            &middle[from..from + size],
+            rest,
+        );
+
+        // The outer nodes of the quadrature.
+        const OUTER: [usize; 2] = [0, 2];
+        for side in 0..2 {
+            let share = SHARES[OUTER[side]];
+            let before = T::from(share * dt * (1.0 - share));
+            let after = T::from(share * dt * share);
+            for k in 0..n {
+                let moved = before.mul_add(first[k], x[k]);
+                stage[k] = after.mul_add(middle[k], moved);
+            }
+            propagators[OUTER[side]].apply(start, rest, &mut stage[from..from + size]);
+            system.straighten(stage);
+            if !I::HELD {
+                input.at(t + share * dt, u);
+            }
+            if side == 0 {
+                system.derivative(stage, u, mode, early);
+            } else {
+                system.derivative(stage, u, mode, late);
             }
         }
+        let (outer, inner) = (T::from(dt * (5.0 / 18.0)), T::from(dt * (8.0 / 18.0)));
+        for k in 0..n {
+            let sum = inner.mul_add(middle[k], x[k]);
+            x[k] = outer.mul_add(early[k] + late[k], sum);
+        }
+        propagators[END].apply(start, rest, &mut x[from..from + size]);
     }
 }
 
 impl<T: Scalar> Propagator<T> {
     /// z ← e^{Ah} z₀ + (∫ e^{As} ds) N.
     #[inline(always)]
-    fn apply(&self, size: usize, start: &[T], rest: &[T], z: &mut [T]) {
+    fn apply(&self, start: &[T], rest: &[T], z: &mut [T]) {
         // Index loops: iterators are functions of their own and keep the step's instruction set out.
-        let (start, rest) = (&start[..size], &rest[..size]);
+        let size = start.len();
+        let rest = &rest[..size];
         for i in 0..size {
             let exponential = &self.exponential[i * size..(i + 1) * size];
             let integral = &self.integral[i * size..(i + 1) * size];
@@ -315,8 +477,8 @@ impl<T: Scalar> Propagator<T> {
 
 /// N = ż − A z.
 #[inline(always)]
-fn remainder<T: Scalar>(size: usize, linear: &[T], z: &[T], rate: &[T], rest: &mut [T]) {
-    let z = &z[..size];
+fn remainder<T: Scalar>(linear: &[T], z: &[T], rate: &[T], rest: &mut [T]) {
+    let size = z.len();
     for i in 0..size {
         let row = &linear[i * size..(i + 1) * size];
         let mut sum = rate[i];
@@ -324,6 +486,25 @@ fn remainder<T: Scalar>(size: usize, linear: &[T], z: &[T], rate: &[T], rest: &m
             sum = (-row[k]).mul_add(z[k], sum);
         }
         rest[i] = sum;
+    }
+}
+
+fused! {
+    /// Outputs of a system, or of its motion alone; the same bits as [`Dynamics::output`] and
+    /// [`Dynamics::motion`].
+    pub fn observe<T: Scalar, S: Dynamics<T>>(
+        system: &S,
+        motion_only: bool,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        y: &mut [T],
+    ) {
+        if motion_only {
+            system.motion(x, u, mode, y);
+        } else {
+            system.output(x, u, mode, y);
+        }
     }
 }
 

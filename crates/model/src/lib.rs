@@ -11,6 +11,34 @@
 // compiled without the instruction set that the step was entered with: it costs up to tenfold.
 #![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 
+/// A function compiled twice: for fused multiply-add in hardware, where the processor has it, and
+/// for any processor. The bits are the same, for `mul_add` is fused everywhere.
+macro_rules! fused {
+    ($(#[$meta:meta])* pub fn $name:ident $(<$($generic:ident: $bound:path),*>)?
+        ($($arg:ident: $ty:ty),* $(,)?) $(-> $result:ty)? $body:block) => {
+        $(#[$meta])*
+        pub fn $name $(<$($generic: $bound),*>)? ($($arg: $ty),*) $(-> $result)? {
+            #[inline(always)]
+            fn plain $(<$($generic: $bound),*>)? ($($arg: $ty),*) $(-> $result)? $body
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2,fma")]
+                fn quick $(<$($generic: $bound),*>)? ($($arg: $ty),*) $(-> $result)? {
+                    plain($($arg),*)
+                }
+                if std::arch::is_x86_feature_detected!("avx2")
+                    && std::arch::is_x86_feature_detected!("fma")
+                {
+                    // SAFETY: the features that `quick` is compiled for were found here.
+                    #[allow(unsafe_code)]
+                    return unsafe { quick($($arg),*) };
+                }
+            }
+            plain($($arg),*)
+        }
+    };
+}
+
 pub mod drive;
 pub mod dual;
 pub mod dynamics;

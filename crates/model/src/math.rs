@@ -316,6 +316,25 @@ pub fn hypot<T: Scalar>(x: T, y: T) -> T {
     x.mul_add(x, y * y).sqrt()
 }
 
+/// Single calls from outside a step loop.
+pub mod single {
+    use crate::scalar::Scalar;
+
+    fused! {
+        /// Sine and cosine of an angle, rad, as [`Scalar::sin_cos`].
+        pub fn sin_cos(angle: f64) -> (f64, f64) {
+            Scalar::sin_cos(angle)
+        }
+    }
+
+    fused! {
+        /// Angle of the point (x, y), rad, as [`Scalar::atan2`].
+        pub fn atan2(y: f64, x: f64) -> f64 {
+            Scalar::atan2(y, x)
+        }
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::disallowed_methods)] // The platform's functions are the peer here.
 mod tests {

@@ -56,9 +56,10 @@ pub enum PlatformError {
 
 /// Where each quantity stands in the state, input and output vectors.
 ///
-/// State: x, y, θ, cos θ, sin θ | γ, cos γ, sin γ of each swivelling wheel | φ of each wheel |
-/// v | currents | energy ledger. Input: command of each wheel | torque (rolling) or rate
-/// (kinematic) of each steered wheel | brake in [0, 1] | external wrench (F_x, F_y, M_z), base axes.
+/// State: x, y, θ, cos θ, sin θ | v | currents | energy ledger | φ of each wheel, those that only
+/// follow last | γ, cos γ, sin γ of each swivelling wheel. Input: command of each wheel | torque
+/// (rolling) or rate (kinematic) of each steered wheel | brake in [0, 1] | external wrench
+/// (F_x, F_y, M_z), base axes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Number of wheels.
@@ -69,6 +70,8 @@ pub struct Layout {
     pub steered: Vec<usize>,
     /// Wheels with the state of a motor current.
     pub motors: Vec<usize>,
+    /// Place of each wheel's φ among the spin angles: wheels that only follow come last.
+    pub spin_places: Vec<usize>,
     /// Number of η.
     pub eta: usize,
     /// Whether every swivelling wheel is a caster without mass and loss, so that S is constant.
@@ -80,7 +83,7 @@ pub struct Layout {
 /// Index of yaw, cos yaw and sin yaw in the state.
 pub const YAW: usize = 2;
 /// First index after the pose.
-const POSE: usize = 5;
+pub(crate) const POSE: usize = 5;
 /// Entries of the energy ledger: supplied, heat of windings, heat of gears, heat of friction, J.
 pub const LEDGER: usize = 4;
 /// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy.
@@ -114,20 +117,10 @@ impl Layout {
     pub fn dof(&self) -> usize {
         self.eta + self.steered.len()
     }
-    /// Index of γ of the k-th swivelling wheel (cos γ and sin γ follow).
-    #[inline(always)]
-    pub fn swivel(&self, k: usize) -> usize {
-        POSE + 3 * k
-    }
-    /// Index of φ of wheel i.
-    #[inline(always)]
-    pub fn spin(&self, i: usize) -> usize {
-        POSE + 3 * self.swivels.len() + i
-    }
     /// Index of the first velocity coordinate.
     #[inline(always)]
     pub fn velocity(&self) -> usize {
-        self.spin(self.wheels)
+        POSE
     }
     /// Index of the first motor current.
     #[inline(always)]
@@ -139,10 +132,20 @@ impl Layout {
     pub fn ledger(&self) -> usize {
         self.current() + self.motors.len()
     }
+    /// Index of φ of wheel i.
+    #[inline(always)]
+    pub fn spin(&self, i: usize) -> usize {
+        self.ledger() + LEDGER + self.spin_places[i]
+    }
+    /// Index of γ of the k-th swivelling wheel (cos γ and sin γ follow).
+    #[inline(always)]
+    pub fn swivel(&self, k: usize) -> usize {
+        self.ledger() + LEDGER + self.wheels + 3 * k
+    }
     /// Length of the state.
     #[inline(always)]
     pub fn state(&self) -> usize {
-        self.ledger() + LEDGER
+        self.swivel(self.swivels.len())
     }
     /// Index of the first steering command in the input.
     #[inline(always)]
@@ -211,6 +214,15 @@ fn renew_angle<T: Scalar>(x: &mut [T], at: usize) {
     x[at + 2] = sin;
 }
 
+/// One step of Newton's method for 1/√(c² + s²), from one.
+#[inline(always)]
+pub(crate) fn straighten<T: Scalar>(x: &mut [T], at: usize) {
+    let square = x[at].mul_add(x[at], x[at + 1] * x[at + 1]);
+    let scale = T::from(-0.5).mul_add(square, T::from(1.5));
+    x[at] *= scale;
+    x[at + 1] *= scale;
+}
+
 fn nominal<T: Scalar>(value: T) -> f64 {
     value.lane(0)
 }
@@ -244,13 +256,22 @@ impl<T: Scalar> Platform<T> {
         if eta + steered.len() > MAX_DOF {
             return Err(PlatformError::SteeredCount(steered.len()));
         }
+        let constant = wheels.iter().all(|w| !w.swivels() || is_follower(w));
+        let follows = |i: &usize| constant && wheels[*i].swivels();
+        let mut order: Vec<usize> = (0..wheels.len()).collect();
+        order.sort_by_key(follows);
+        let mut spin_places = vec![0; wheels.len()];
+        for (place, &i) in order.iter().enumerate() {
+            spin_places[i] = place;
+        }
         let layout = Layout {
             wheels: wheels.len(),
+            spin_places,
             swivels: select(&Wheel::swivels),
             steered,
             motors: select(&|w| has_current(&w.drive)),
             eta,
-            constant: wheels.iter().all(|w| !w.swivels() || is_follower(w)),
+            constant,
             fixed_rank: 3 - eta,
         };
         Ok(Platform {
@@ -330,6 +351,15 @@ impl<T: Scalar> Platform<T> {
         v[..eta].copy_from_slice(&solved[..eta]);
         v[eta..eta + steering.len()].copy_from_slice(steering);
         v
+    }
+
+    /// Brings the cosines and sines of a stage back to length one, as far as lengths near one go.
+    #[inline(always)]
+    pub fn straighten(&self, stage: &mut [T]) {
+        straighten(stage, YAW + 1);
+        for k in 0..self.layout.swivels.len() {
+            straighten(stage, self.layout.swivel(k) + 1);
+        }
     }
 
     /// Renews the cosines and sines that the state carries beside its angles.

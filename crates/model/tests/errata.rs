@@ -216,7 +216,8 @@ fn shipped_drive(angles: Pair, rates: Pair, end: f64) -> ([f64; 3], [f64; 3]) {
 
 /// The current at which the rate of the shipped motor, linear in it, vanishes.
 fn shipped_current([voltage, rate]: Pair) -> f64 {
-    let of = |current| MOTOR.current_rate(voltage, current, rate);
+    let winding = MOTOR.winding();
+    let of = |current| winding.current_rate(voltage, current, winding.emf * rate);
     of(0.0) / (of(0.0) - of(1.0))
 }
 
@@ -295,7 +296,8 @@ fn znl_30(at: Instant, i_z: f64, lever: f64, moment: f64) -> Pair {
 fn znl_28((at, current, voltage): Circuit, gear: f64, turning: Pair) -> (Pair, Pair) {
     let torque = current.map(|i| gear * MOTOR.torque_constant * i);
     let rates = znl_30(Instant { torque, ..at }, I_Z, L, A * at.weight()[1]);
-    let rate = |k| MOTOR.current_rate(voltage[k], current[k], turning[k]);
+    let winding = MOTOR.winding();
+    let rate = |k: usize| winding.current_rate(voltage[k], current[k], winding.emf * turning[k]);
     (rates, [rate(0), rate(1)])
 }
 

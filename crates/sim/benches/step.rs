@@ -1,6 +1,7 @@
 //! Speed of one robot, side by side in one run: ratios, not absolutes.
 //!
-//! `cargo bench -p appell-sim`. Each figure is the least of several repetitions.
+//! `cargo bench -p appell-sim --bench step -- [model] [world] [slalom]`. Each figure is the least of
+//! several repetitions.
 #![allow(missing_docs)]
 
 use std::hint::black_box;
@@ -15,34 +16,39 @@ use appell_model::scalar::Scalar;
 use appell_sim::build::{self, DriveModel};
 use appell_sim::record::{Event, Header, Mcap, RecordError, Recorder};
 use appell_sim::run::Run;
-use appell_sim::scenario;
+use appell_sim::scenario::{self, Integrator};
 use serde_json::Value;
 
-const STEPS: usize = 200_000;
+const STEPS: usize = 20_000;
+const ROUNDS: usize = 60;
 
-/// Least time of `rounds` repetitions, ns per step.
-fn least(rounds: usize, steps: usize, mut act: impl FnMut()) -> f64 {
-    let mut best = f64::INFINITY;
+/// Least time of each act, s, over rounds in which they take turns: a disturbance of the machine
+/// then falls on all of them, and ratios hold.
+fn least<const N: usize>(rounds: usize, mut acts: [&mut dyn FnMut(); N]) -> [f64; N] {
+    let mut best = [f64::INFINITY; N];
     for _ in 0..rounds {
-        let start = Instant::now();
-        act();
-        best = best.min(start.elapsed().as_secs_f64());
+        for (best, act) in best.iter_mut().zip(&mut acts) {
+            let start = Instant::now();
+            act();
+            *best = best.min(start.elapsed().as_secs_f64());
+        }
     }
-    1e9 * best / steps as f64
+    best
 }
 
 /// The closed form of the two-wheel robot with motors, by hand: seven states and the angles of both
 /// wheels, heading as (cos, sin) renewed once a step. What the general model is measured against.
+/// Constants are multiplied out, so that no division is left in the loop.
 struct Hand {
-    m: f64,
-    i: f64,
+    per_mass: f64,
+    per_inertia: f64,
     am: f64,
     half: f64,
-    radius: f64,
+    per_radius: f64,
     gain: f64,
     emf: f64,
     r: f64,
-    l: f64,
+    per_l: f64,
 }
 
 type HandState = [f64; 11];
@@ -61,14 +67,15 @@ impl Hand {
     fn rate(&self, x: &HandState, u: [f64; 2]) -> HandState {
         let [_, _, _, cos, sin, v, w, left, right, _, _] = *x;
         let (tl, tr) = (self.gain * left, self.gain * right);
-        let dv = (w.mul_add(-self.am * w, (tl + tr) / self.radius)) / self.m;
-        let dw = (w.mul_add(self.am * v, self.half * (tr - tl) / self.radius)) / self.i;
+        let (traction, turning) = ((tl + tr) * self.per_radius, (tr - tl) * self.per_radius);
+        let dv = w.mul_add(-self.am * w, traction) * self.per_mass;
+        let dw = w.mul_add(self.am * v, self.half * turning) * self.per_inertia;
         let (ql, qr) = (
-            (v - self.half * w) / self.radius,
-            (v + self.half * w) / self.radius,
+            (-self.half).mul_add(w, v) * self.per_radius,
+            self.half.mul_add(w, v) * self.per_radius,
         );
-        let dl = (u[0] - self.r * left - self.emf * ql) / self.l;
-        let dr = (u[1] - self.r * right - self.emf * qr) / self.l;
+        let dl = (-self.emf).mul_add(ql, (-self.r).mul_add(left, u[0])) * self.per_l;
+        let dr = (-self.emf).mul_add(qr, (-self.r).mul_add(right, u[1])) * self.per_l;
         [
             v * cos,
             v * sin,
@@ -136,10 +143,32 @@ impl Recorder for Nothing {
     }
 }
 
+/// Whether a part was asked for on the command line; without a word, all are.
+fn wanted(part: &str) -> bool {
+    let words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| !word.starts_with("--"))
+        .collect();
+    words.is_empty() || words.iter().any(|word| word == part)
+}
+
 fn main() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let scenario = root.join("scenarios/slalom.toml");
     let loaded = scenario::load(&scenario, &[]).expect("the shipped scenario is valid");
+    if wanted("model") {
+        model(&loaded);
+    }
+    if wanted("world") {
+        world(&loaded);
+    }
+    if wanted("slalom") {
+        slalom(&loaded);
+    }
+}
+
+/// The general model beside the hand-written loop.
+fn model(loaded: &scenario::Loaded) {
     let file = loaded.scenario.robot[0].platform.clone().expect("loaded");
     let bare = scenario::Platform {
         wheel: file
@@ -152,32 +181,30 @@ fn main() {
     };
 
     let hand = Hand {
-        m: 12.0,
-        i: 1.4,
+        per_mass: 1.0 / 12.0,
+        per_inertia: 1.0 / 1.4,
         am: -0.5,
         half: 0.2,
-        radius: 0.1,
+        per_radius: 1.0 / 0.1,
         gain: 1.0,
         emf: 1.0,
         r: 1.2,
-        l: 0.002,
+        per_l: 1.0 / 0.002,
     };
-    let by_hand = least(7, STEPS, || {
+    let mut by_hand = || {
         let mut x: HandState = [0.0, 0.0, 0.3, 0.955, 0.2955, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0];
         for k in 0..STEPS {
             hand.step(&mut x, black_box([6.0 + (k & 1) as f64, 7.0]), 1e-3);
         }
         black_box(x);
-    });
-    println!("hand-written closed form, RK4         {by_hand:8.1} ns/step");
-
-    let general = |file: &scenario::Platform, name: &str, exponential: bool| {
+    };
+    let general = |file: &scenario::Platform, exponential: bool| {
         let platform = build::platform(file, DriveModel::AsBuilt, 9.81).expect("checked");
         let x0 = build::rest_state(&platform, [0.0, 0.0, 0.3], &[]);
         let system = Rolling::new(platform, Ground::flat(9.81));
         let sizes = system.sizes();
         let mut u = vec![0.0; sizes.input];
-        let time = least(7, STEPS, || {
+        move || {
             let (mut x, mut mode) = (x0.clone(), vec![1.0; sizes.mode]);
             let mut rk4 = RungeKutta4::new(sizes.state, sizes.input);
             let mut etd = Exponential::new(&system, 1e-3).expect("constant geometry");
@@ -190,57 +217,50 @@ fn main() {
                 }
             }
             black_box(&x);
-        });
-        println!(
-            "{name:37} {time:8.1} ns/step   {:5.2} x hand-written",
-            time / by_hand
-        );
+        }
     };
-    general(&bare, "general model, two wheels, RK4", false);
-    general(&file, "general model with caster, RK4", false);
-    general(&bare, "general model, two wheels, ETD2", true);
-
-    for (label, period) in [
-        ("no rows recorded (1 row per 10 s)", 10.0),
-        ("row built at 100 Hz, not written", 0.01),
-    ] {
-        let mut changed = loaded.clone();
-        changed.scenario.record.period = period;
-        changed.scenario.robot[0].task = None;
-        let mut steps = 0;
-        let time = least(5, 1, || {
-            let mut run = Run::new(&loaded_with(&changed), 0).expect("valid");
-            steps = 0;
-            while run.world.step(&mut Nothing).expect("runs") {
-                steps += 1;
-            }
-        });
-        println!("world step, {label:33} {:6.1} ns/step", time / steps as f64);
-    }
-    for (label, period) in [("100 Hz", 0.01), ("1 kHz", 0.001)] {
-        let mut changed = loaded_with(&loaded);
-        changed.scenario.record.period = period;
-        let mut simulated = 0.0;
-        let folder = std::env::temp_dir().join("appell-bench");
-        std::fs::create_dir_all(&folder).expect("a temporary folder");
-        let time = least(5, 1, || {
-            let mut run = Run::new(&changed, 0).expect("valid");
-            let mut recorder = Mcap::create(&folder.join("bench.mcap")).expect("a file");
-            let summary = run.execute(&mut recorder, &mut |_| {}).expect("runs");
-            simulated = summary.duration;
-        });
+    let (mut two, mut caster) = (general(&bare, false), general(&file, false));
+    let (mut two_etd, mut caster_etd) = (general(&bare, true), general(&file, true));
+    let times = least(
+        ROUNDS,
+        [
+            &mut by_hand,
+            &mut two,
+            &mut caster,
+            &mut two_etd,
+            &mut caster_etd,
+        ],
+    );
+    let names = [
+        "hand-written closed form, RK4",
+        "general model, two wheels, RK4",
+        "general model with caster, RK4",
+        "general model, two wheels, ETD2",
+        "general model with caster, ETD2",
+    ];
+    for (name, time) in names.iter().zip(times) {
         println!(
-            "slalom with MCAP recording at {label:7} {:8.0} times real time",
-            simulated / (1e-9 * time)
+            "{name:34} {:7.1} ns/step   {:5.2} x hand-written",
+            1e9 * time / STEPS as f64,
+            time / times[0]
         );
     }
 }
 
-/// The same scenario without a task ends after its duration: a fixed number of steps.
-fn loaded_with(loaded: &scenario::Loaded) -> scenario::Loaded {
-    let mut changed = loaded.clone();
-    if changed.scenario.robot[0].task.is_none() {
-        changed.scenario.robot[0].controller = Some(scenario::Controller::Signals {
+/// A closed loop through `dyn` blocks: signals at 100 Hz, servo, plant, judge.
+fn world(loaded: &scenario::Loaded) {
+    for (label, integrator, period) in [
+        ("RK4, no rows", Integrator::Rk4, 10.0),
+        ("exponential, no rows", Integrator::Exponential, 10.0),
+        ("exponential, rows at 100 Hz", Integrator::Exponential, 0.01),
+    ] {
+        let mut changed = loaded.clone();
+        changed.scenario.record.period = period;
+        changed.scenario.time.integrator = integrator;
+        changed.scenario.time.duration = 100.0;
+        let robot = &mut changed.scenario.robot[0];
+        robot.task = None;
+        robot.controller = Some(scenario::Controller::Signals {
             period: 0.01,
             channel: vec![scenario::Channel {
                 to: "forward".into(),
@@ -252,6 +272,54 @@ fn loaded_with(loaded: &scenario::Loaded) -> scenario::Loaded {
                 },
             }],
         });
+        let mut best = f64::INFINITY;
+        let mut run = Run::new(&changed, 0).expect("valid");
+        for _ in 0..ROUNDS {
+            let start = Instant::now();
+            for _ in 0..1000 {
+                run.world.step(&mut Nothing).expect("runs");
+            }
+            best = best.min(start.elapsed().as_secs_f64() / 1000.0);
+        }
+        println!("world step, {label:34} {:6.1} ns/step", 1e9 * best);
     }
-    changed
+}
+
+/// The slalom with motors, driven slowly enough to last a minute; planning is part of the time.
+fn slalom(loaded: &scenario::Loaded) {
+    for (label, period) in [("100 Hz", 0.01), ("1 kHz", 0.001)] {
+        let mut changed = loaded.clone();
+        changed.scenario.record.period = period;
+        changed.scenario.time.duration = 120.0;
+        if let Some(scenario::Controller::Slalom(tuning)) =
+            &mut changed.scenario.robot[0].controller
+        {
+            tuning.speed = 0.128;
+        }
+        let folder = std::env::temp_dir().join("appell-bench");
+        std::fs::create_dir_all(&folder).expect("a temporary folder");
+        let (mut simulated, mut planned) = (0.0, f64::INFINITY);
+        let mut silent = || {
+            let mut run = Run::new(&changed, 0).expect("valid");
+            run.execute(&mut Nothing, &mut |_| {}).expect("runs");
+        };
+        let mut recorded = || {
+            let start = Instant::now();
+            let mut run = Run::new(&changed, 0).expect("valid");
+            planned = start.elapsed().as_secs_f64().min(planned);
+            let mut recorder = Mcap::create(&folder.join("bench.mcap")).expect("a file");
+            let summary = run.execute(&mut recorder, &mut |_| {}).expect("runs");
+            simulated = summary.duration;
+        };
+        let [without, time] = least(15, [&mut silent, &mut recorded]);
+        println!(
+            "slalom of {simulated:.0} s with MCAP at {label:7} {:6.0} times real time \
+             ({:.1} ms: building and planning {:.1}, run {:.1}, recording {:.1})",
+            simulated / time,
+            1e3 * time,
+            1e3 * planned,
+            1e3 * (without - planned),
+            1e3 * (time - without)
+        );
+    }
 }

@@ -3,8 +3,8 @@
 use std::io::Read;
 use std::path::Path as FilePath;
 
+use appell_model::math::single::sin_cos;
 use appell_model::math::wrap_angle;
-use appell_model::scalar::Scalar;
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
 use crate::plan::{Path, SpeedLimits};
@@ -84,7 +84,7 @@ fn formula_at(formula: &SignalFile, t: f64) -> f64 {
             offset,
         } => {
             let angle = std::f64::consts::TAU * phase(t, *period, *phase_deg);
-            offset + amplitude * Scalar::sin_cos(angle).0
+            offset + amplitude * sin_cos(angle).0
         }
         SignalFile::Square {
             amplitude,
@@ -333,7 +333,7 @@ impl Block for PathFollower {
         let mut state = self.state;
         let error_of = |x: f64, y: f64, s: f64| {
             let (point, heading, curvature) = self.path.at(s);
-            let (sin, cos) = Scalar::sin_cos(heading);
+            let (sin, cos) = sin_cos(heading);
             let (dx, dy) = (x - point[0], y - point[1]);
             (dx * cos + dy * sin, dy * cos - dx * sin, heading, curvature)
         };
@@ -367,11 +367,11 @@ impl Block for PathFollower {
             let ahead = state.progress + state.speed * dt + 0.5 * step * dt;
             let off = offset / (0.4 * tuning.lookahead);
             let slack = 1.0 / (1.0 + off * off);
-            let (_, cosine) = Scalar::sin_cos(heading_error);
+            let (_, cosine) = sin_cos(heading_error);
             speed = (self.limit(ahead) * slack * cosine.max(0.2)).min(state.speed + step);
             let (_, _, _, curvature) = error(state.progress + speed * LEAD);
             let gain = 1.0 / tuning.lookahead;
-            let (sine, _) = Scalar::sin_cos(heading_error);
+            let (sine, _) = sin_cos(heading_error);
             let feedback = gain * gain * offset + 1.8 * gain * sine;
             yaw_rate = (speed * (curvature - feedback)).clamp(-tuning.yaw_rate, tuning.yaw_rate);
         }

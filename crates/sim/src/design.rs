@@ -2,7 +2,7 @@
 
 use appell_model::drive::Drive;
 use appell_model::math::hypot;
-use appell_model::scalar::Scalar;
+use appell_model::math::single::atan2;
 use appell_model::solve::{dot, invert, product};
 
 use crate::build::{self, DriveModel};
@@ -183,7 +183,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
             inside = false;
             continue;
         };
-        let angle = Scalar::atan2(distance, center[2]).to_degrees();
+        let angle = atan2(distance, center[2]).to_degrees();
         add(
             &format!("tips over {name} at"),
             format!("{angle:.1}°"),
@@ -215,7 +215,7 @@ fn slope(sine: f64) -> String {
     } else if sine <= 0.0 {
         "none".into()
     } else {
-        let angle = Scalar::atan2(sine, (1.0 - sine * sine).sqrt()).to_degrees();
+        let angle = atan2(sine, (1.0 - sine * sine).sqrt()).to_degrees();
         format!("{angle:.1}°")
     }
 }

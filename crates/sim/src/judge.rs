@@ -6,7 +6,7 @@
 //! is the caller's.
 
 use crate::layout::{Beacon, Goal, Layout};
-use appell_model::scalar::Scalar;
+use appell_model::math::single::atan2;
 use serde::{Deserialize, Serialize};
 
 /// Where a task stands.
@@ -213,7 +213,7 @@ enum Task {
 /// Angle from `a` to `b` seen from `c`, in (−π, π], rad.
 fn turn(c: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let (a, b) = (difference(a, c), difference(b, c));
-    Scalar::atan2(a[0] * b[1] - a[1] * b[0], dot(a, b))
+    atan2(a[0] * b[1] - a[1] * b[0], dot(a, b))
 }
 
 fn side_name(left: bool) -> &'static str {

@@ -4,6 +4,7 @@
 //! function of its key and counter, so that one more sensor, or another order of evaluation,
 //! changes no other number.
 
+use appell_model::math::single::sin_cos;
 use appell_model::scalar::Scalar;
 
 /// A stream of normal deviates for one signal.
@@ -39,7 +40,7 @@ impl Stream {
         };
         let radius = (-2.0 * Scalar::ln(uniform(words[0], words[1]))).sqrt();
         let angle = std::f64::consts::TAU * uniform(words[2], words[3]);
-        let (sin, cos) = Scalar::sin_cos(angle);
+        let (sin, cos) = sin_cos(angle);
         [radius * cos, radius * sin]
     }
 }

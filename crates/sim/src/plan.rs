@@ -13,7 +13,7 @@ use crate::judge::{
     slalom_lines, wall_distance,
 };
 use crate::layout::{Goal, Layout};
-use appell_model::scalar::Scalar;
+use appell_model::math::single::{atan2, sin_cos};
 use serde::{Deserialize, Serialize};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -160,7 +160,7 @@ impl Path {
         let mut heading: Vec<f64> = Vec::with_capacity(points.len());
         for k in 0..=last {
             let along = difference(points[(k + 1).min(last)], points[k.saturating_sub(1)]);
-            let angle = Scalar::atan2(along[1], along[0]);
+            let angle = atan2(along[1], along[0]);
             let previous = heading.last().copied().unwrap_or(angle);
             heading.push(previous + wrapped(angle - previous));
         }
@@ -577,7 +577,7 @@ impl Graph {
             let mut previous = self.nodes[from].position;
             let mut free = space.clear(previous, previous, [index; 2]);
             for step in 1..=steps as usize {
-                let (sin, cos) = Scalar::sin_cos(a + sense * angle * step as f64 / steps);
+                let (sin, cos) = sin_cos(a + sense * angle * step as f64 / steps);
                 let here = ahead(circle.center, [cos, sin], circle.radius);
                 free = free && space.clear(previous, here, [index; 2]);
                 self.bends.push(here);
@@ -680,7 +680,7 @@ fn sense_index(sense: f64) -> usize {
 
 fn angle_on(circle: &Circle, at: [f64; 2]) -> f64 {
     let arm = difference(at, circle.center);
-    Scalar::atan2(arm[1], arm[0])
+    atan2(arm[1], arm[0])
 }
 
 // ------------------------------------------------------------------------------------ candidates
@@ -940,7 +940,7 @@ impl<'a> Planner<'a> {
         let ring = (self.reach(beacon) + radius) / 2.0;
         let ring = ring.min(self.reach(beacon) + 0.4);
         let at = |k: usize| {
-            let (sin, cos) = Scalar::sin_cos(TAU * k as f64 / 36.0);
+            let (sin, cos) = sin_cos(TAU * k as f64 / 36.0);
             ahead(self.center(beacon), [cos, sin], ring)
         };
         let towards = difference(self.start, self.center(beacon));
@@ -979,7 +979,7 @@ impl<'a> Planner<'a> {
             return entries.map(each).into();
         }
         let tilted = [0.35, -0.35, 0.7, -0.7].map(|angle| {
-            let (sin, cos) = Scalar::sin_cos(angle);
+            let (sin, cos) = sin_cos(angle);
             let (normal, left) = (passage.normal, left_of(passage.normal));
             let axis = [0, 1].map(|i| cos * normal[i] + sin * left[i]);
             self.gate_straight(

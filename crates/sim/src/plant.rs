@@ -2,7 +2,9 @@
 
 use appell_model::dynamics::{Dynamics, Held};
 use appell_model::ground::Ground;
-use appell_model::integrate::{Adaptive, Exponential, RungeKutta4, Stalled, spectral_radius};
+use appell_model::integrate::{
+    Adaptive, Exponential, RungeKutta4, Stalled, observe, spectral_radius,
+};
 use appell_model::kinematic::Kinematic;
 use appell_model::math::hypot;
 use appell_model::planar::vec2;
@@ -24,6 +26,9 @@ pub struct Plant {
     u: Vec<f64>,
     mode: Vec<f64>,
     y: Vec<f64>,
+    /// Where each command, and the brake, stand in the model's input.
+    commands: Vec<usize>,
+    brake: usize,
     /// Mechanical and magnetic energy at the start, J: where the ledger begins.
     energy_start: f64,
 }
@@ -106,6 +111,9 @@ impl Plant {
                 })
                 .collect()
         };
+        let commands = (0..layout.wheels)
+            .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some())
+            .collect();
         let prefix = format!("robot.{name}");
         let (inputs, outputs) = ports(&prefix, &platform, level);
         let system = match level {
@@ -134,6 +142,8 @@ impl Plant {
             u,
             mode,
             y,
+            commands,
+            brake: layout.brake_input(),
             energy_start: 0.0,
         };
         plant.energy_start = plant.energy();
@@ -365,10 +375,10 @@ impl Block for Plant {
     fn observe(&mut self, input: &[f64], detail: Detail, output: &mut [f64]) {
         self.take_input(input);
         let (x, u, mode, y) = (&self.x, &self.u, &self.mode, &mut self.y);
-        match (&self.system, detail) {
-            (System::Rolling(s), Detail::Motion) => s.motion(x, mode, y),
-            (System::Rolling(s), Detail::Everything) => s.output(x, u, mode, y),
-            (System::Kinematic(s), _) => s.output(x, u, mode, y),
+        let motion_only = detail == Detail::Motion;
+        match &self.system {
+            System::Rolling(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
+            System::Kinematic(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
         }
         let y = &self.y;
         let layout = self.layout();
@@ -447,26 +457,12 @@ impl Block for Plant {
 }
 
 impl Plant {
+    /// Ports to the model's input vector: the commands in order, then the brake.
     fn take_input(&mut self, input: &[f64]) {
-        let mut u = std::mem::take(&mut self.u);
-        self.spread_input(input, &mut u);
-        self.u = u;
-    }
-
-    /// Ports to the model's input vector.
-    fn spread_input(&self, input: &[f64], u: &mut [f64]) {
-        let platform = match &self.system {
-            System::Kinematic(system) => system.platform(),
-            System::Rolling(system) => system.platform(),
-        };
-        let mut next = 0;
-        for (i, wheel) in platform.wheels().iter().enumerate() {
-            if command_signal(&wheel.drive).is_some() {
-                u[i] = input[next];
-                next += 1;
-            }
+        for (&at, &command) in self.commands.iter().zip(input) {
+            self.u[at] = command;
         }
-        u[platform.layout().brake_input()] = input[next].clamp(0.0, 1.0);
+        self.u[self.brake] = input[self.commands.len()].clamp(0.0, 1.0);
     }
 }
 

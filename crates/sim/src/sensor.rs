@@ -1,9 +1,9 @@
 //! Sensors: what a robot knows of its pose, its wheels and the beacons.
 
+use appell_model::math::single::{atan2, sin_cos};
 use appell_model::math::{hypot, wrap_angle};
 use appell_model::planar::vec2;
 use appell_model::platform::Platform;
-use appell_model::scalar::Scalar;
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
 use crate::layout::Beacon;
@@ -314,14 +314,14 @@ impl Block for Odometry {
         }
         // The chord of an arc: displacement turned by half the change of heading, times sinc of it.
         let half = 0.5 * moved[2];
-        let (sin, cos) = Scalar::sin_cos(half);
+        let (sin, cos) = sin_cos(half);
         // Below this angle the sine quotient equals 1 − h²/6 to the last bit.
         let chord = if half.abs() < 1e-4 {
             1.0 - half * half / 6.0
         } else {
             sin / half
         };
-        let (yaw_sin, yaw_cos) = Scalar::sin_cos(self.state[2]);
+        let (yaw_sin, yaw_cos) = sin_cos(self.state[2]);
         let step = (vec2(moved[0], moved[1]) * chord)
             .rotated(cos, sin)
             .rotated(yaw_cos, yaw_sin);
@@ -369,7 +369,7 @@ impl Block for RangeBearing {
         for (k, beacon) in self.beacons.iter().enumerate() {
             let (dx, dy) = (beacon[0] - input[0], beacon[1] - input[1]);
             let range = hypot(dx, dy);
-            let bearing = wrap_angle(Scalar::atan2(dy, dx) - input[2]);
+            let bearing = wrap_angle(atan2(dy, dx) - input[2]);
             let visible = range <= self.range_max && bearing.abs() <= self.half_view;
             if visible {
                 let [first, second] = self.streams[k].normals(tick);

@@ -11,11 +11,38 @@ use crate::layout::Layout;
 use crate::record::{Event, RecordError, Recorder};
 use crate::signal::Signal;
 
+/// When something is due that repeats: a division at every tick costs more than the tick's logic.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    /// Ticks between two times.
+    period: u64,
+    next: u64,
+}
+
+impl Due {
+    fn every(period: u64) -> Self {
+        Due { period, next: 0 }
+    }
+
+    /// Whether it is due at this tick; if so, it is next due a period later.
+    fn now(&mut self, tick: u64) -> bool {
+        let due = tick == self.next;
+        if due {
+            self.next += self.period;
+        }
+        due
+    }
+
+    /// Goes to another tick, at which nothing has been done yet.
+    fn seek(&mut self, tick: u64) {
+        self.next = tick.next_multiple_of(self.period);
+    }
+}
+
 /// A block in its place: when it is due, what it reads and where it writes.
 pub(crate) struct Slot {
     pub block: Box<dyn Block>,
-    /// Ticks between its steps.
-    pub period: u64,
+    due: Due,
     inputs: Vec<usize>,
     outputs: std::ops::Range<usize>,
     buffer: Vec<f64>,
@@ -27,8 +54,8 @@ pub(crate) struct Referee {
     pub judge: Judge,
     pub layout: Layout,
     pub has_task: bool,
-    /// Ticks between its looks.
-    pub period: u64,
+    /// Its looks.
+    due: Due,
     /// Columns of x, y, forward and left speed.
     watched: [usize; 4],
     /// Column of the clearance.
@@ -40,14 +67,14 @@ pub struct World {
     step: f64,
     tick: u64,
     end: u64,
-    record: u64,
+    record: Due,
     signals: Vec<Signal>,
     row: Vec<f64>,
     sensors: Vec<Slot>,
     controllers: Vec<Slot>,
     plants: Vec<Slot>,
-    /// Ticks between readings of each plant's motion.
-    readings: Vec<u64>,
+    /// Readings of each plant's motion.
+    readings: Vec<Due>,
     pub(crate) referees: Vec<Referee>,
     events: Vec<Event>,
 }
@@ -157,7 +184,7 @@ impl World {
                 inputs,
                 outputs: placed.outputs,
                 block: placed.block,
-                period: placed.period,
+                due: Due::every(placed.period),
             }
         };
         let sensors: Vec<Slot> = sensors.into_iter().map(slot).collect();
@@ -173,7 +200,7 @@ impl World {
                     judge,
                     layout,
                     has_task,
-                    period,
+                    due: Due::every(period),
                     clearance,
                 },
             )
@@ -183,19 +210,22 @@ impl World {
             .iter()
             .zip(&referees)
             .map(|(plant, referee)| {
-                sensors
+                let period = sensors
                     .iter()
                     .chain(&controllers)
                     .filter(|slot| slot.inputs.iter().any(|i| plant.outputs.contains(i)))
-                    .map(|slot| slot.period)
-                    .fold(referee.period, gcd)
+                    .map(|slot| slot.due.period)
+                    .fold(referee.due.period, gcd);
+                let mut due = Due::every(period);
+                due.seek(1);
+                due
             })
             .collect();
         let mut world = World {
             step,
             tick: 0,
             end,
-            record,
+            record: Due::every(record),
             row: vec![0.0; signals.len()],
             signals,
             sensors,
@@ -205,7 +235,7 @@ impl World {
             referees,
             events: Vec::with_capacity(64),
         };
-        world.observe(Detail::Everything, |_, _| true);
+        world.observe_everything();
         world.judge(0);
         world
     }
@@ -240,13 +270,11 @@ impl World {
         let (tick, t) = (self.tick, self.now());
         run_due(&mut self.sensors, tick, t, self.step, &mut self.row)?;
         run_due(&mut self.controllers, tick, t, self.step, &mut self.row)?;
-        if tick.is_multiple_of(self.record) {
+        let ends = tick >= self.end || self.is_decided();
+        if self.record.now(tick) || ends {
             self.frame(recorder)?;
         }
-        if tick >= self.end || self.is_decided() {
-            if !tick.is_multiple_of(self.record) {
-                self.frame(recorder)?;
-            }
+        if ends {
             return Ok(false);
         }
         for slot in &mut self.plants {
@@ -255,7 +283,11 @@ impl World {
         }
         self.tick += 1;
         let tick = self.tick;
-        self.observe(Detail::Motion, |readings, _| tick.is_multiple_of(readings));
+        for (slot, due) in self.plants.iter_mut().zip(&mut self.readings) {
+            if due.now(tick) {
+                slot.observe(Detail::Motion, &mut self.row);
+            }
+        }
         self.judge(tick);
         if !self.events.is_empty() {
             for event in self.events.drain(..) {
@@ -276,7 +308,7 @@ impl World {
     }
 
     fn frame(&mut self, recorder: &mut dyn Recorder) -> Result<(), SimError> {
-        self.observe(Detail::Everything, |_, _| true);
+        self.observe_everything();
         if let Some(k) = self.row.iter().position(|value| !value.is_finite()) {
             return Err(SimError::NotFinite {
                 path: self.signals[k].path.clone(),
@@ -287,20 +319,16 @@ impl World {
         Ok(())
     }
 
-    fn observe(&mut self, detail: Detail, due: impl Fn(u64, usize) -> bool) {
-        for (k, slot) in self.plants.iter_mut().enumerate() {
-            if due(self.readings[k], k) {
-                slot.gather(&self.row);
-                slot.block
-                    .observe(&slot.buffer, detail, &mut self.row[slot.outputs.clone()]);
-            }
+    fn observe_everything(&mut self) {
+        for slot in &mut self.plants {
+            slot.observe(Detail::Everything, &mut self.row);
         }
     }
 
     fn judge(&mut self, tick: u64) {
         let t = tick as f64 * self.step;
         for referee in &mut self.referees {
-            if !tick.is_multiple_of(referee.period) {
+            if !referee.due.now(tick) {
                 continue;
             }
             let [x, y, forward, left] = referee.watched.map(|k| self.row[k]);
@@ -358,6 +386,17 @@ impl World {
             at += size;
         }
         self.tick = tick;
+        self.record.seek(tick);
+        for slot in self.sensors.iter_mut().chain(&mut self.controllers) {
+            slot.due.seek(tick);
+        }
+        // What is read and judged after a move has been so at the saved tick.
+        for due in &mut self.readings {
+            due.seek(tick + 1);
+        }
+        for referee in &mut self.referees {
+            referee.due.seek(tick + 1);
+        }
         (at == bytes.len()).then_some(())
     }
 
@@ -370,6 +409,13 @@ impl World {
 }
 
 impl Slot {
+    /// Writes the outputs of the present state.
+    fn observe(&mut self, detail: Detail, row: &mut [f64]) {
+        self.gather(row);
+        let outputs = &mut row[self.outputs.clone()];
+        self.block.observe(&self.buffer, detail, outputs);
+    }
+
     fn gather(&mut self, row: &[f64]) {
         for (value, &index) in self.buffer.iter_mut().zip(&self.inputs) {
             *value = row[index];
@@ -386,9 +432,9 @@ fn run_due(
     row: &mut [f64],
 ) -> Result<(), BlockError> {
     for slot in slots {
-        if tick.is_multiple_of(slot.period) {
+        if slot.due.now(tick) {
             slot.gather(row);
-            let dt = slot.period as f64 * step;
+            let dt = slot.due.period as f64 * step;
             slot.block
                 .step(tick, t, dt, &slot.buffer, &mut row[slot.outputs.clone()])?;
         }

@@ -260,24 +260,10 @@ fn golden_reference_pages_are_current() {
 #[test]
 fn invariant_documents_and_code_agree() {
     let mut book = String::new();
-    let mut sources = Vec::new();
-    let mut stack = vec![
-        xtask::root().join("docs/book/src"),
-        xtask::root().join("crates"),
-    ];
-    while let Some(folder) = stack.pop() {
-        for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
-            let path = entry.path();
-            let extension = path.extension().and_then(|e| e.to_str());
-            if path.is_dir() {
-                stack.push(path);
-            } else if extension == Some("md") {
-                book += &std::fs::read_to_string(&path).expect("text");
-            } else if extension == Some("rs") {
-                sources.push((path.clone(), std::fs::read_to_string(&path).expect("text")));
-            }
-        }
+    for (_, text) in texts(xtask::root().join("docs/book/src"), "md") {
+        book += &text;
     }
+    let sources = texts(xtask::root().join("crates"), "rs");
     for (path, text) in &sources {
         assert!(
             text.starts_with("//!"),
@@ -297,17 +283,32 @@ fn invariant_documents_and_code_agree() {
     }
 }
 
+/// All files of an extension under a folder, with their texts.
+fn texts(folder: PathBuf, extension: &str) -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    let mut stack = vec![folder];
+    while let Some(folder) = stack.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                stack.push(path);
+            } else if path.extension().is_some_and(|e| e == extension) {
+                let text = std::fs::read_to_string(&path).expect("text");
+                found.push((path, text));
+            }
+        }
+    }
+    assert!(!found.is_empty());
+    found
+}
+
 /// The crate of equations depends on nothing and reads nothing.
 #[test]
 fn invariant_model_is_pure() {
     let root = xtask::root().join("crates/model");
     let manifest = std::fs::read_to_string(root.join("Cargo.toml")).expect("text");
     assert!(!manifest.contains("[dependencies]"));
-    for entry in std::fs::read_dir(root.join("src"))
-        .expect("a folder")
-        .flatten()
-    {
-        let text = std::fs::read_to_string(entry.path()).expect("text");
+    for (path, text) in texts(root.join("src"), "rs") {
         let code = text.split("#[cfg(test)]").next().unwrap_or_default();
         for banned in [
             "std::fs",
@@ -317,11 +318,7 @@ fn invariant_model_is_pure() {
             "println!",
             "HashMap",
         ] {
-            assert!(
-                !code.contains(banned),
-                "{}: {banned}",
-                entry.path().display()
-            );
+            assert!(!code.contains(banned), "{}: {banned}", path.display());
         }
     }
 }

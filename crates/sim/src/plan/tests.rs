@@ -196,7 +196,7 @@ fn closed_form_speed_profile() {
     assert!((line.duration(&limits) - 6.0).abs() < 1e-6, "rounding only");
     let circle: Vec<_> = (0..=200)
         .map(|k| {
-            let (sin, cos) = Scalar::sin_cos(TAU * f64::from(k) / 200.0);
+            let (sin, cos) = sin_cos(TAU * f64::from(k) / 200.0);
             [0.5 * cos, 0.5 * sin]
         })
         .collect();
@@ -229,7 +229,7 @@ impl Random {
     }
 
     fn direction(&mut self) -> [f64; 2] {
-        let (sin, cos) = Scalar::sin_cos(self.between(-PI, PI));
+        let (sin, cos) = sin_cos(self.between(-PI, PI));
         [cos, sin]
     }
 
@@ -327,7 +327,7 @@ fn random_slalom(random: &mut Random) -> Option<(Layout, Goal)> {
     let mut chain = vec![[0.0, 0.0]];
     for k in 1..count {
         let angle = bend * [0.0, k as f64, if k.is_multiple_of(2) { 1.5 } else { -1.5 }][kind];
-        let (sin, cos) = Scalar::sin_cos(angle);
+        let (sin, cos) = sin_cos(angle);
         let along = [0, 1].map(|i| cos * first[i] + sin * left_of(first)[i]);
         chain.push(ahead(chain[k - 1], along, spacing));
     }

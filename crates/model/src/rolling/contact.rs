@@ -1,0 +1,207 @@
+//! Forces of the ground on the wheels, and the outputs that rest on them. `[eq:multipliers]`
+
+use super::{Forces, Rolling};
+use crate::planar::{Vec2, vec2};
+use crate::platform::{MAX_WHEELS, Platform, Reduced};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::{dot, invert, solve_semidefinite};
+use crate::wheel::Steering;
+
+/// Geometry of the contacts for normal loads.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Contacts<T> {
+    /// Inverse of the 3 × 3 matrix Σ (1, x, y)(1, x, y)ᵀ, about the base's origin.
+    inverse: [[T; 3]; 3],
+}
+
+impl<T: Scalar> Rolling<T> {
+    /// Force of the ground on each wheel along its rolling direction (or roller axis) and along its
+    /// axle, N, and the accelerations it rests on. `[eq:multipliers]`
+    #[inline(always)]
+    pub(super) fn contact_forces(
+        &self,
+        x: &[T],
+        u: &[T],
+        reduced: &Reduced<T>,
+        forces: &Forces<T>,
+    ) -> ([T; MAX_WHEELS], [T; MAX_WHEELS]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let v = &x[layout.velocity()..layout.velocity() + n];
+        let v_rate = self.acceleration(x, reduced, forces);
+        let sticking = (0..layout.wheels).any(|i| forces.actions[i].stuck.any());
+        let held = if sticking {
+            self.holding_torques(x, reduced, forces)
+        } else {
+            [T::zero(); MAX_WHEELS]
+        };
+        let (linear, angular) = self.platform.twist(&v_rate);
+        let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
+
+        let mut longitudinal = [T::zero(); MAX_WHEELS];
+        let mut lateral = [T::zero(); MAX_WHEELS];
+        // Force and moment about P that the ground must give to all wheels together.
+        let body = self.platform.body();
+        let mut force = Vec2::zero();
+        let mut moment = body.inertia_com * angular;
+        let motion = Motion {
+            linear,
+            angular,
+            velocity,
+            yaw_rate,
+            gravity: forces.gravity,
+        };
+        let needed = motion.needed_at(body.center_of_mass) * body.mass;
+        force = force + needed;
+        moment += body.center_of_mass.cross(needed);
+        let wrench = &u[layout.wrench_input()..layout.wrench_input() + 3];
+        force = force - vec2(wrench[0], wrench[1]);
+        moment -= wrench[2];
+
+        let mut side = [[T::zero(); 3]; MAX_WHEELS];
+        let mut shared = [false; MAX_WHEELS];
+        for i in 0..layout.wheels {
+            let wheel = &self.platform.wheels()[i];
+            let frame = self.platform.wheel_frame(i, x);
+            let rolling = wheel.rolling_row(&frame);
+            let swivel = self.platform.swivel_row(i, &frame);
+            let steering_rate = dot(n, &swivel, v);
+            let convective = self
+                .platform
+                .convective(i, &frame, velocity, yaw_rate, steering_rate);
+            let steering_accel = dot(n, &swivel, &v_rate) + convective.swivel;
+            let spin = self.platform.spin_row(i, &frame);
+            let spin_accel = dot(n, &spin, &v_rate) + convective.spin;
+            // The wheel's mass: V + ωΩr − dγ̇n, of which `needed_at` holds the part without γ̇.
+            let trail = wheel.trail();
+            let swept = frame.left * (-(trail * steering_rate));
+            let needed = (motion.needed_at(frame.contact)
+                + swept.perpendicular() * yaw_rate
+                + frame.forward * (trail * steering_rate * (yaw_rate + steering_rate))
+                - frame.left * (trail * steering_accel))
+                * wheel.mass;
+            force = force + needed;
+            moment += frame.contact.cross(needed);
+            let turning = wheel.inertia_vertical * (angular + steering_accel);
+            moment += turning;
+
+            let action = &forces.actions[i];
+            let net = action.torque + held[i] - action.lost;
+            longitudinal[i] = (net - wheel.spin_inertia * spin_accel) / rolling.lever;
+            let along = rolling.direction * longitudinal[i];
+            force = force - along;
+            moment -= frame.contact.cross(along);
+            match wheel.steering {
+                Steering::Free { trail } => {
+                    // The pivot's own equation gives the side force of a caster.
+                    let pivot = turning + wheel.pivot_viscous * steering_rate
+                        - trail * frame.left.dot(needed);
+                    lateral[i] = -pivot / trail;
+                    let across = frame.left * lateral[i];
+                    force = force - across;
+                    moment -= frame.contact.cross(across);
+                }
+                Steering::Fixed { .. } | Steering::Driven if wheel.is_plain() => {
+                    shared[i] = true;
+                    side[i] = [frame.left.x, frame.left.y, frame.contact.cross(frame.left)];
+                }
+                Steering::Fixed { .. } | Steering::Driven => {}
+            }
+        }
+        // The rest falls to the side forces of fixed and steered wheels: the smallest that do it.
+        let mut normal = [[T::zero(); 3]; 3];
+        for row in &side[..layout.wheels] {
+            for a in 0..3 {
+                for b in 0..3 {
+                    normal[a][b] = row[a].mul_add(row[b], normal[a][b]);
+                }
+            }
+        }
+        let trace = normal[0][0] + normal[1][1] + normal[2][2];
+        let z = solve_semidefinite(
+            3,
+            normal,
+            [force.x, force.y, moment],
+            trace * T::from(1e-12) + T::from(f64::MIN_POSITIVE),
+        );
+        for i in 0..layout.wheels {
+            if shared[i] {
+                lateral[i] = side[i][0].mul_add(z[0], side[i][1].mul_add(z[1], side[i][2] * z[2]));
+            }
+        }
+        (longitudinal, lateral)
+    }
+}
+
+/// Motion of the base and the gravity that it feels, base axes.
+struct Motion<T> {
+    linear: Vec2<T>,
+    angular: T,
+    velocity: Vec2<T>,
+    yaw_rate: T,
+    gravity: Vec2<T>,
+}
+
+impl<T: Scalar> Motion<T> {
+    /// V̇ + ω̇ Ω r + ω Ω (V + ω Ω r) − g: the force per mass that a point of the base at r needs.
+    #[inline(always)]
+    fn needed_at(&self, r: Vec2<T>) -> Vec2<T> {
+        let carried = self.velocity + r.perpendicular() * self.yaw_rate;
+        self.linear + r.perpendicular() * self.angular + carried.perpendicular() * self.yaw_rate
+            - self.gravity
+    }
+}
+
+impl<T: Scalar> Contacts<T> {
+    pub(super) fn new(platform: &Platform<T>) -> Option<Self> {
+        let mut sums = [[T::zero(); 3]; 3];
+        for wheel in platform.wheels() {
+            // A caster's contact moves by its trail; for the loads it stands under its pivot.
+            let row = [T::one(), wheel.mount.x, wheel.mount.y];
+            for a in 0..3 {
+                for b in 0..3 {
+                    sums[a][b] = row[a].mul_add(row[b], sums[a][b]);
+                }
+            }
+        }
+        let minor = sums[1][1] * sums[2][2] - sums[1][2] * sums[2][1];
+        // Contacts on one line carry no plane.
+        let size = sums[1][1].lane(0) + sums[2][2].lane(0);
+        let cross = [
+            sums[0][0] * minor,
+            sums[0][1] * (sums[0][1] * sums[2][2] - sums[1][2] * sums[0][2]),
+            sums[0][2] * (sums[0][1] * sums[1][2] - sums[1][1] * sums[0][2]),
+        ];
+        let determinant = (cross[0] - cross[1] + cross[2]).lane(0);
+        if determinant <= 1e-9 * size * size {
+            return None;
+        }
+        let mut padded = [[T::zero(); crate::solve::MAX_DOF]; crate::solve::MAX_DOF];
+        for a in 0..3 {
+            padded[a][..3].copy_from_slice(&sums[a]);
+        }
+        let full = invert(3, &padded);
+        let mut inverse = [[T::zero(); 3]; 3];
+        for a in 0..3 {
+            inverse[a].copy_from_slice(&full[a][..3]);
+        }
+        Some(Contacts { inverse })
+    }
+
+    /// Loads of equally compliant contacts for a total load and its moments Σ N x, Σ N y.
+    /// `[eq:normal-loads]`
+    #[inline(always)]
+    pub(super) fn loads(&self, platform: &Platform<T>, totals: [T; 3]) -> [T; MAX_WHEELS] {
+        let mut plane = [T::zero(); 3];
+        for a in 0..3 {
+            for b in 0..3 {
+                plane[a] = self.inverse[a][b].mul_add(totals[b], plane[a]);
+            }
+        }
+        let mut loads = [T::zero(); MAX_WHEELS];
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            loads[i] = plane[0] + plane[1].mul_add(wheel.mount.x, plane[2] * wheel.mount.y);
+        }
+        loads
+    }
+}

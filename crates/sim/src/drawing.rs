@@ -1,0 +1,139 @@
+//! What a recording tells of its scene, for reports to draw: arena, robots, goals and paths.
+
+use serde_json::{Value, json};
+
+use crate::layout::Goal;
+use crate::plan::Path;
+use crate::run::drive_name;
+use crate::scenario::{Drive, Robot, Scenario, Steering, Terrain, Wheel};
+
+/// What reports draw, beside the signals: arena, robots, goals and paths.
+pub(crate) fn drawing(
+    scenario: &Scenario,
+    paths: &[Option<Path>],
+    goals: &[Option<Goal>],
+    integrators: &[String],
+) -> Value {
+    let terrain = match &scenario.terrain {
+        Terrain::Flat { .. } => json!({"kind": "flat"}),
+        Terrain::Plane {
+            slope_deg,
+            downhill_heading_deg,
+            ..
+        } => {
+            json!({"kind": "plane", "slope_deg": slope_deg, "downhill_heading_deg": downhill_heading_deg})
+        }
+    };
+    let friction = match &scenario.terrain {
+        Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
+    };
+    let beacons: Vec<Value> = scenario
+        .arena
+        .beacon
+        .iter()
+        .map(|b| json!({"name": b.name, "position": b.position, "radius": b.radius}))
+        .collect();
+    let robots: Vec<Value> = scenario
+        .robot
+        .iter()
+        .enumerate()
+        .map(|(k, robot)| draw_robot(robot, paths[k].as_ref(), goals[k].as_ref(), scenario))
+        .collect();
+    json!({
+        "title": scenario.title,
+        "integrator": integrators.first(),
+        "arena": {
+            "size": scenario.arena.size,
+            "beacons": beacons,
+            "terrain": terrain,
+            "friction": friction,
+        },
+        "robots": robots,
+    })
+}
+
+fn draw_robot(
+    robot: &Robot,
+    path: Option<&Path>,
+    goal: Option<&Goal>,
+    scenario: &Scenario,
+) -> Value {
+    let platform = robot
+        .platform
+        .as_ref()
+        .expect("a checked scenario has platforms");
+    let wheels: Vec<Value> = platform.wheel.iter().map(draw_wheel).collect();
+    let goal = match goal {
+        None => Value::Null,
+        Some(Goal::Homing {
+            beacon, distance, ..
+        }) => json!({"kind": "homing", "beacon": beacon, "distance": distance}),
+        Some(Goal::Gate {
+            pair,
+            direction,
+            exit,
+        }) => json!({"kind": "gate", "pair": pair, "direction": direction, "exit": exit}),
+        Some(Goal::Eight { pair, laps, .. }) => {
+            json!({"kind": "eight", "pair": pair, "laps": laps})
+        }
+        Some(Goal::Slalom {
+            chain, first_side, ..
+        }) => {
+            let sides: Vec<i8> = (0..chain.len())
+                .map(|k| if k % 2 == 0 { *first_side } else { -first_side })
+                .collect();
+            json!({"kind": "slalom", "chain": chain, "sides": sides})
+        }
+    };
+    // Every fifth point or so draws the same curve.
+    let thinned = path.map(|path| {
+        let every = (path.points.len() / 400).max(1);
+        let last = path.points.len() - 1;
+        let keep = (0..=last).filter(|k| k % every == 0 || *k == last);
+        keep.map(|k| path.points[k].map(|v| (v * 1e4).round() / 1e4))
+            .collect::<Vec<_>>()
+    });
+    let mass: f64 = platform.body.mass + platform.wheel.iter().map(|w| w.mass).sum::<f64>();
+    let center = [0, 1].map(|axis| {
+        let wheels: f64 = platform.wheel.iter().map(|w| w.mass * w.mount[axis]).sum();
+        (platform.body.mass * platform.body.center_of_mass[axis] + wheels) / mass
+    });
+    json!({
+        "name": robot.name,
+        "level": robot.level,
+        "drive": drive_name(robot),
+        "collision_radius": platform.collision_radius,
+        "footprint": platform.footprint,
+        "center_of_mass": center,
+        "wheels": wheels,
+        "start": robot.pose,
+        "goal": goal,
+        "path": thinned,
+        "duration": scenario.time.duration,
+    })
+}
+
+fn draw_wheel(wheel: &Wheel) -> Value {
+    let (kind, angle, trail) = match (&wheel.steering, &wheel.rim) {
+        (Steering::Free { trail, angle_deg }, _) => ("caster", *angle_deg, *trail),
+        (Steering::Fixed { angle_deg }, crate::scenario::Rim::Rollers { .. }) => {
+            ("rollers", *angle_deg, 0.0)
+        }
+        (Steering::Fixed { angle_deg }, crate::scenario::Rim::Plain) => ("fixed", *angle_deg, 0.0),
+    };
+    let roller = match wheel.rim {
+        crate::scenario::Rim::Rollers { angle_deg } => angle_deg.to_radians(),
+        crate::scenario::Rim::Plain => 0.0,
+    };
+    json!({
+        "name": wheel.name,
+        "kind": kind,
+        "mount": wheel.mount,
+        "angle": angle.to_radians(),
+        "radius": wheel.radius,
+        "width": wheel.width,
+        "trail": trail,
+        "roller_angle": roller,
+        "driven": wheel.drive != Drive::None,
+    })
+}

@@ -1,0 +1,309 @@
+//! The meter: figures of merit of a run, from the rows on their way to the recorder.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use crate::judge::Judge;
+use crate::record::{Event, Header, RecordError, Recorder};
+use crate::run::Metric;
+use crate::scenario::{Scenario, Terrain};
+
+/// A recorder that passes everything on and measures on the way.
+pub(crate) struct Meter<'a> {
+    inner: &'a mut dyn Recorder,
+    robots: Vec<Gauge>,
+}
+
+/// Running figures of one robot, from the recorded rows.
+#[derive(Default)]
+struct Gauge {
+    /// Columns of the forward and the left speed.
+    speeds: Option<[usize; 2]>,
+    /// Column of the distance from the planned path.
+    offset: Option<usize>,
+    commands: Vec<(usize, &'static str)>,
+    currents: Vec<usize>,
+    torques: Vec<usize>,
+    /// Columns of longitudinal force, lateral force and load of each wheel.
+    forces: Vec<[usize; 3]>,
+    /// Columns of energy supplied, heat of windings and residual, with their last values.
+    energies: Vec<(&'static str, usize, f64)>,
+    /// Coefficient of friction of the ground, if it is known.
+    friction: Option<f64>,
+    /// Lowest load of a wheel, N, once loads are known.
+    load: Option<f64>,
+    /// Highest share of the friction limit, %.
+    demand: f64,
+    speed: f64,
+    command_square: f64,
+    command_peak: f64,
+    torque_peak: f64,
+    current_peak: f64,
+    offset_square: f64,
+    offset_peak: f64,
+    rows: f64,
+}
+
+impl<'a> Meter<'a> {
+    /// Finds the columns of what it measures.
+    pub(crate) fn new(inner: &'a mut dyn Recorder, scenario: &Scenario, header: &Header) -> Self {
+        let robots = scenario
+            .robot
+            .iter()
+            .map(|robot| {
+                let friction = match scenario.terrain {
+                    Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
+                };
+                let mut gauge = Gauge {
+                    friction,
+                    ..Gauge::default()
+                };
+                let prefix = format!("robot.{}.", robot.name);
+                for (k, signal) in header.signals.iter().enumerate() {
+                    let Some(path) = signal.path.strip_prefix(&prefix) else {
+                        continue;
+                    };
+                    match path {
+                        // The speed to the left follows it.
+                        "twist.forward" => gauge.speeds = Some([k, k + 1]),
+                        "path.offset" => gauge.offset = Some(k),
+                        _ => {}
+                    }
+                    for known in ["energy.supplied", "energy.windings", "energy.residual"] {
+                        if path == known {
+                            gauge.energies.push((known, k, 0.0));
+                        }
+                    }
+                    if path.starts_with("wheel.") {
+                        for (ending, unit) in [
+                            (".voltage", "V"),
+                            (".torque_command", "N·m"),
+                            (".rate_command", "rad/s"),
+                        ] {
+                            if path.ends_with(ending) {
+                                gauge.commands.push((k, unit));
+                            }
+                        }
+                        if path.ends_with(".current") {
+                            gauge.currents.push(k);
+                        }
+                        if path.ends_with(".torque") {
+                            gauge.torques.push(k);
+                        }
+                        if path.ends_with(".force.longitudinal") {
+                            // The lateral force and the load follow it.
+                            gauge.forces.push([k, k + 1, k + 2]);
+                        }
+                    }
+                }
+                gauge
+            })
+            .collect();
+        Meter { inner, robots }
+    }
+
+    /// The figures of a robot, in the order in which they are shown.
+    pub(crate) fn metrics(
+        &self,
+        robot: usize,
+        judge: &Judge,
+        scenario: &Scenario,
+        end: f64,
+    ) -> Vec<Metric> {
+        let gauge = &self.robots[robot];
+        let mut metrics = Vec::new();
+        let mut add = |name: &str, value: f64, unit: &str, note: String| {
+            metrics.push(Metric {
+                name: name.into(),
+                value,
+                unit: unit.into(),
+                note,
+            });
+        };
+        add(
+            "time",
+            end,
+            "s",
+            format!("limit {} s", scenario.time.duration),
+        );
+        let judged: BTreeMap<&str, f64> = judge
+            .metrics()
+            .into_iter()
+            .map(|(name, value, _)| (name, value))
+            .collect();
+        let beacon = judged
+            .get("beacon clearance index")
+            .and_then(|&k| scenario.arena.beacon.get(k as usize));
+        let mut passed = 0;
+        for (name, value, unit) in judge.metrics() {
+            if name == "offset" {
+                // One for each beacon of the chain, in order.
+                let beacon = match scenario.robot[robot].task.as_ref() {
+                    Some(crate::scenario::Task::Slalom { chain, .. }) => chain.get(passed).cloned(),
+                    _ => None,
+                };
+                passed += 1;
+                add(
+                    &format!("offset at {}", beacon.unwrap_or_default()),
+                    value,
+                    unit,
+                    String::new(),
+                );
+                continue;
+            }
+            let note = match name {
+                "beacon clearance" => format!(
+                    "{}, {:.2} s",
+                    beacon.map_or("", |b| b.name.as_str()),
+                    judged.get("beacon clearance time").copied().unwrap_or(0.0)
+                ),
+                "wall clearance" => format!(
+                    "{:.2} s",
+                    judged.get("wall clearance time").copied().unwrap_or(0.0)
+                ),
+                "beacon clearance index" | "beacon clearance time" | "wall clearance time" => {
+                    continue;
+                }
+                _ => String::new(),
+            };
+            add(name, value, unit, note);
+        }
+        let rows = gauge.rows.max(1.0);
+        add("highest speed", gauge.speed, "m/s", String::new());
+        if gauge.offset.is_some() {
+            let note = format!("at most {:.1} mm", 1e3 * gauge.offset_peak);
+            add(
+                "cross-track error, RMS",
+                (gauge.offset_square / rows).sqrt(),
+                "m",
+                note,
+            );
+        }
+        if let Some((_, unit)) = gauge.commands.first() {
+            let count = rows * gauge.commands.len() as f64;
+            let note = format!("peak {:.4} {unit}", gauge.command_peak);
+            add(
+                "control effort, RMS",
+                (gauge.command_square / count).sqrt(),
+                unit,
+                note,
+            );
+        }
+        if !gauge.torques.is_empty() {
+            add(
+                "highest wheel torque",
+                gauge.torque_peak,
+                "N·m",
+                String::new(),
+            );
+        }
+        if !gauge.currents.is_empty() {
+            add(
+                "highest motor current",
+                gauge.current_peak,
+                "A",
+                String::new(),
+            );
+        }
+        if let Some(load) = gauge.load {
+            let note = if load < 0.0 {
+                "below 0: a wheel would lift"
+            } else {
+                ""
+            };
+            add("lowest wheel load", load, "N", note.into());
+            if let Some(friction) = gauge.friction {
+                let note = if gauge.demand > 100.0 {
+                    "above 100: the wheels would slip"
+                } else {
+                    ""
+                };
+                let note = if note.is_empty() {
+                    format!("of μN, μ = {friction}")
+                } else {
+                    note.into()
+                };
+                add("highest friction used", gauge.demand, "%", note);
+            }
+        }
+        let last = |key: &str| {
+            let known = gauge.energies.iter().find(|(name, ..)| *name == key);
+            known.map(|&(_, _, value)| value)
+        };
+        if let Some(supplied) = last("energy.supplied") {
+            let heat = last("energy.windings").unwrap_or(0.0);
+            let note = if gauge.currents.is_empty() {
+                String::new()
+            } else {
+                format!("heat in windings {heat:.3} J")
+            };
+            add("energy supplied", supplied, "J", note);
+            add(
+                "energy ledger residual",
+                last("energy.residual").unwrap_or(0.0),
+                "J",
+                String::new(),
+            );
+        }
+        metrics
+    }
+}
+
+impl Recorder for Meter<'_> {
+    fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
+        self.inner.begin(header)
+    }
+
+    fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
+        for gauge in &mut self.robots {
+            gauge.rows += 1.0;
+            if let Some([forward, left]) = gauge.speeds {
+                let speed = crate::plant::speed(row[forward], row[left]);
+                gauge.speed = gauge.speed.max(speed);
+            }
+            if let Some(k) = gauge.offset {
+                gauge.offset_square += row[k] * row[k];
+                gauge.offset_peak = gauge.offset_peak.max(row[k].abs());
+            }
+            for (_, k, last) in &mut gauge.energies {
+                *last = row[*k];
+            }
+            for &(k, _) in &gauge.commands {
+                gauge.command_square += row[k] * row[k];
+                gauge.command_peak = gauge.command_peak.max(row[k].abs());
+            }
+            // Without three contacts the loads are not known, and all are zero.
+            let known = gauge.forces.iter().any(|columns| row[columns[2]] != 0.0);
+            for &[along, across, load] in gauge.forces.iter().filter(|_| known) {
+                let load = row[load];
+                gauge.load = Some(gauge.load.map_or(load, |lowest| lowest.min(load)));
+                if let Some(friction) = gauge.friction {
+                    let force = crate::plant::speed(row[along], row[across]);
+                    // A wheel that just touches needs no friction for a force that is rounding.
+                    let share = if force < 1e-9 {
+                        0.0
+                    } else {
+                        100.0 * force / (friction * load).max(1e-9)
+                    };
+                    gauge.demand = gauge.demand.max(share.min(1e6));
+                }
+            }
+            for &k in &gauge.torques {
+                gauge.torque_peak = gauge.torque_peak.max(row[k].abs());
+            }
+            for &k in &gauge.currents {
+                gauge.current_peak = gauge.current_peak.max(row[k].abs());
+            }
+        }
+        self.inner.frame(t, row)
+    }
+
+    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        self.inner.event(event)
+    }
+
+    fn finish(&mut self, summary: &Value) -> Result<(), RecordError> {
+        self.inner.finish(summary)
+    }
+}

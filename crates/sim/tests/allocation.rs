@@ -1,0 +1,51 @@
+//! The step loop allocates nothing: neither blocks, nor judges, nor the building of rows.
+
+use std::path::Path;
+
+use appell_sim::record::{Event, Header, RecordError, Recorder};
+use appell_sim::run::Run;
+use appell_sim::scenario;
+use serde_json::Value;
+
+/// Takes rows and forgets them.
+struct Nothing;
+
+impl Recorder for Nothing {
+    fn begin(&mut self, _: &Header) -> Result<(), RecordError> {
+        Ok(())
+    }
+    fn frame(&mut self, _: f64, _: &[f64]) -> Result<(), RecordError> {
+        Ok(())
+    }
+    fn event(&mut self, _: &Event) -> Result<(), RecordError> {
+        Ok(())
+    }
+    fn finish(&mut self, _: &Value) -> Result<(), RecordError> {
+        Ok(())
+    }
+}
+
+/// Two seconds of each scenario, from the first step, with all sensors, controllers and rows. A
+/// judge writes text when something happens, so nothing happens in these two seconds.
+#[test]
+fn invariant_steps_allocate_nothing() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios");
+    let integrators = ["\"auto\"", "\"rk4\"", "\"adaptive\""];
+    for name in ["slalom.toml", "noisy.toml", "two-robots.toml", "coast.toml"] {
+        for integrator in integrators {
+            let set = [("time.integrator".to_owned(), integrator.to_owned())];
+            let loaded = scenario::load(&root.join(name), &set).unwrap_or_else(|e| panic!("{e}"));
+            // Too fast a motor for RK4 is refused, and tried with the other two.
+            let Ok(mut run) = Run::new(&loaded, 0) else {
+                assert_eq!(integrator, "\"rk4\"", "{name}");
+                continue;
+            };
+            let counted = allocation_counter::measure(|| {
+                for _ in 0..2000 {
+                    run.world.step(&mut Nothing).expect("steps");
+                }
+            });
+            assert_eq!(counted.count_total, 0, "{name} with {integrator}");
+        }
+    }
+}
