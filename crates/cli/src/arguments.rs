@@ -18,7 +18,7 @@ pub struct Arguments {
     pub command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 task passed (or nothing to pass), 1 task failed, 2 bad input, \
+const EXIT_CODES: &str = "Exit codes: 0 task passed (or nothing to pass), 1 task failed or a limit broken, 2 bad input, \
 4 output could not be written, 70 a defect of the program.\n\
 First steps: appell run scenarios/slalom.toml";
 
@@ -44,6 +44,8 @@ pub enum Command {
     Plot(PlotOptions),
     /// Run one scenario at several levels of model, side by side.
     Compare(CompareOptions),
+    /// Find the torques, currents, voltages and contact forces that a trajectory demands.
+    Inverse(InverseOptions),
     /// Write a starter scenario and robot into a new folder.
     New(NewOptions),
     /// Print the JSON Schema of scenario files, for editors.
@@ -93,7 +95,7 @@ pub struct RunOptions {
     /// Record to Parquet, too.
     #[arg(long)]
     pub parquet: bool,
-    /// Print the summary as JSON instead of a table.
+    /// Print the summary as JSON instead of a table; of several scenarios one line each.
     #[arg(long)]
     pub json: bool,
     /// Write no report and no pictures.
@@ -109,8 +111,20 @@ pub struct RunOptions {
 pub struct CheckOptions {
     /// Scenario or robot file.
     pub file: PathBuf,
+    /// Print each robot's equations of motion, too: its own numbers, as text or as LaTeX.
+    #[arg(long, value_enum, value_name = "FORM", num_args = 0..=1, default_missing_value = "text")]
+    pub equations: Option<Form>,
     #[command(flatten)]
     pub changes: Changes,
+}
+
+/// How equations are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Form {
+    /// Aligned numbers.
+    Text,
+    /// LaTeX.
+    Latex,
 }
 
 /// Options of `plot`.
@@ -123,10 +137,10 @@ pub struct PlotOptions {
     /// Output file, .svg or .png.
     #[arg(long, short, default_value = "plot.svg")]
     pub out: PathBuf,
-    /// Start of the time axis, s.
+    /// Start of the time axis, s, within the recording.
     #[arg(long)]
     pub from: Option<f64>,
-    /// End of the time axis, s.
+    /// End of the time axis, s, within the recording.
     #[arg(long)]
     pub to: Option<f64>,
 }
@@ -142,12 +156,45 @@ pub struct CompareOptions {
     /// Drives at level rolling, separated by commas.
     #[arg(long, value_delimiter = ',', default_value = "torque,dc-motor")]
     pub drives: Vec<String>,
+    /// Method of integration: auto, rk4, exponential or adaptive.
+    #[arg(long)]
+    pub integrator: Option<String>,
+    /// Seed of all random numbers.
+    #[arg(long)]
+    pub seed: Option<u64>,
     /// Set any value by its path; may be repeated.
     #[arg(long, value_name = "PATH=VALUE")]
     pub set: Vec<String>,
     /// Output folder [default: runs/NAME-compare].
     #[arg(long)]
     pub out: Option<PathBuf>,
+}
+
+/// Options of `inverse`.
+#[derive(Args)]
+pub struct InverseOptions {
+    /// Scenario file: robot, ground, and the task whose path is driven without --of.
+    pub scenario: PathBuf,
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Trajectory: a recording of the robot, or a CSV with columns t, x, y, yaw (s, m, m, rad).
+    #[arg(long, value_name = "FILE")]
+    pub of: Option<PathBuf>,
+    /// The trajectory is that of the point this far ahead of the axle, m, which leads the robot
+    /// without side slip from its heading at the start; the CSV needs no yaw.
+    #[arg(
+        long,
+        value_name = "METRES",
+        requires = "of",
+        allow_negative_numbers = true
+    )]
+    pub ahead: Option<f64>,
+    /// Robot, of several [default: the first].
+    #[arg(long)]
+    pub robot: Option<String>,
+    /// Table of all signals.
+    #[arg(long, short, default_value = "inverse.csv")]
+    pub out: PathBuf,
 }
 
 /// Options of `new`.

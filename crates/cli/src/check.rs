@@ -3,11 +3,11 @@
 use std::io::Read;
 use std::path::Path;
 
-use appell_sim::design::{Design, design};
+use appell_sim::design::{Design, design, equations};
 use appell_sim::run::Run;
 use appell_sim::scenario::{self, Terrain};
 
-use crate::arguments::CheckOptions;
+use crate::arguments::{CheckOptions, Form};
 use crate::{exit, terminal};
 
 /// Checks a file and prints what its robots amount to.
@@ -20,13 +20,21 @@ pub fn check(options: &CheckOptions) -> u8 {
         }
     };
     if is_robot(&options.file) {
+        if !overrides.is_empty() {
+            terminal::error(&format!(
+                "{}: must be a scenario where values are set, got a robot file\n  hint: set \
+                 robot.NAME.platform.… of a scenario that names the robot",
+                options.file.display()
+            ));
+            return exit::BAD_INPUT;
+        }
         return match scenario::load_robot(&options.file) {
             Ok(platform) => {
                 let report = text(
                     &platform.name,
                     &platform.description,
                     &design(&platform, 9.81),
-                );
+                ) + &equations_of(&platform, 9.81, options.equations);
                 terminal::print(&format!(
                     "{}: a valid robot file\n\n{report}",
                     options.file.display()
@@ -59,6 +67,7 @@ pub fn check(options: &CheckOptions) -> u8 {
                         &platform.description,
                         &design(platform, gravity),
                     ));
+                    out.push_str(&equations_of(platform, gravity, options.equations));
                 }
             }
             terminal::print(&out);
@@ -85,6 +94,15 @@ fn is_robot(file: &Path) -> bool {
             .any(|line| line.trim_start().starts_with(table))
     };
     has("[[wheel]]") && !has("[[robot]]") && !has("[arena")
+}
+
+/// The equations of a robot, if they were asked for.
+fn equations_of(platform: &scenario::Platform, gravity: f64, form: Option<Form>) -> String {
+    match form {
+        None => String::new(),
+        Some(Form::Text) => equations(platform, gravity).text(),
+        Some(Form::Latex) => equations(platform, gravity).latex() + "\n",
+    }
 }
 
 fn text(name: &str, description: &str, design: &Design) -> String {

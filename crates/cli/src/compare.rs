@@ -18,8 +18,9 @@ pub fn compare(options: &CompareOptions) -> u8 {
         let changes = |drive: Option<&String>| Changes {
             level: Some(level.clone()),
             drive: drive.cloned(),
+            integrator: options.integrator.clone(),
+            seed: options.seed,
             set: options.set.clone(),
-            ..Changes::default()
         };
         if level == "kinematic" {
             variants.push((level.clone(), changes(None)));
@@ -61,7 +62,10 @@ pub fn compare(options: &CompareOptions) -> u8 {
     };
     let folder = folder_or(
         options.out.as_ref(),
-        &format!("{}-compare", last.summary.scenario),
+        &format!(
+            "{}-compare",
+            last.summary.scenario.trim_end_matches("-compare")
+        ),
     );
     terminal::print(&table(&entries));
     let mut data = report::data(&last.recording, &last.summary);

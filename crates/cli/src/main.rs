@@ -5,6 +5,7 @@
 mod arguments;
 mod check;
 mod compare;
+mod inverse;
 mod new;
 mod plot;
 mod run;
@@ -38,6 +39,7 @@ fn main() -> ExitCode {
         Command::Check(options) => check::check(&options),
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),
+        Command::Inverse(options) => inverse::inverse(&options),
         Command::New(options) => new::new(&options),
         Command::Schema(options) => {
             terminal::print(&appell_sim::scenario::schema(options.robot));

@@ -1,5 +1,7 @@
 //! `appell plot`.
 
+use std::path::Path;
+
 use appell_sim::record::Recording;
 use appell_sim::report::{self, Press};
 use serde_json::{Map, Value, json};
@@ -19,6 +21,13 @@ pub fn plot(options: &PlotOptions) -> u8 {
             return exit::BAD_INPUT;
         }
     };
+    if !recording.complete {
+        terminal::warning(&format!(
+            "{}: was not closed in order; what follows {} s is missing",
+            options.recording.display(),
+            recording.times.last().copied().unwrap_or(0.0)
+        ));
+    }
     if options.signals.is_empty() {
         let mut list = String::new();
         for signal in &recording.header.signals {
@@ -27,6 +36,13 @@ pub fn plot(options: &PlotOptions) -> u8 {
         terminal::print(&list);
         return exit::PASSED;
     }
+    let (span, as_png) = match (time_axis(options, &recording.times), picture(&options.out)) {
+        (Ok(span), Ok(as_png)) => (span, as_png),
+        (Err(problem), _) | (_, Err(problem)) => {
+            terminal::error(&problem);
+            return exit::BAD_INPUT;
+        }
+    };
     let mut groups: Vec<(String, Vec<String>)> = Vec::new();
     for wanted in &options.signals {
         let ending = format!(".{wanted}");
@@ -75,30 +91,11 @@ pub fn plot(options: &PlotOptions) -> u8 {
         }
     }
     let data = json!({"time": recording.times, "signals": signals, "events": [], "robots": [], "arena": {"size": [1, 1], "beacons": []}});
-    let mut limits = Map::new();
-    limits.insert(
-        "t0".into(),
-        json!(
-            options
-                .from
-                .or(recording.times.first().copied())
-                .unwrap_or(0.0)
-        ),
-    );
-    limits.insert(
-        "t1".into(),
-        json!(
-            options
-                .to
-                .or(recording.times.last().copied())
-                .unwrap_or(1.0)
-        ),
-    );
+    let limits = json!({"t0": span[0], "t1": span[1]});
     let drawn = Press::new()
-        .and_then(|press| press.plots(&data, &Value::Array(specs), &Value::Object(limits)))
+        .and_then(|press| press.plots(&data, &Value::Array(specs), &limits))
         .and_then(|svg| {
-            let png = options.out.extension().is_some_and(|e| e == "png");
-            if png {
+            if as_png {
                 report::png(&svg, 2.0)
             } else {
                 Ok(svg.into_bytes())
@@ -122,6 +119,38 @@ pub fn plot(options: &PlotOptions) -> u8 {
             terminal::error(&error.to_string());
             exit::INTERNAL
         }
+    }
+}
+
+/// The time axis: what was asked for, within what was recorded.
+fn time_axis(options: &PlotOptions, times: &[f64]) -> Result<[f64; 2], String> {
+    let (Some(&first), Some(&last)) = (times.first(), times.last()) else {
+        return Err(format!(
+            "{}: must hold at least one row, got none\n  hint: run the scenario again",
+            options.recording.display()
+        ));
+    };
+    let span = [options.from.unwrap_or(first), options.to.unwrap_or(last)];
+    // A recording of one row is drawn as a point.
+    let empty = span[0] >= span[1] && (options.from.is_some() || options.to.is_some());
+    if !span.iter().all(|t| t.is_finite()) || empty || span[1] < first || span[0] > last {
+        return Err(format!(
+            "--from, --to: must be a span within {first} s … {last} s, got {} s … {} s",
+            span[0], span[1]
+        ));
+    }
+    Ok(span)
+}
+
+/// Whether the output is to be a PNG rather than an SVG.
+fn picture(out: &Path) -> Result<bool, String> {
+    match out.extension().and_then(|e| e.to_str()) {
+        Some("svg") => Ok(false),
+        Some("png") => Ok(true),
+        _ => Err(format!(
+            "--out: must end in .svg or .png, got {}",
+            out.display()
+        )),
     }
 }
 

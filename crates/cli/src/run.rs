@@ -1,5 +1,6 @@
 //! `appell run`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use appell_sim::record::{
@@ -27,6 +28,7 @@ pub fn run(options: &RunOptions) -> u8 {
         }
     };
     let mut worst = exit::PASSED;
+    let mut written: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for file in &options.scenarios {
         let loaded = match scenario::load(file, &overrides) {
             Ok(loaded) => loaded,
@@ -42,6 +44,17 @@ pub fn run(options: &RunOptions) -> u8 {
             (Some(out), _) => out.join(name),
             (None, _) => Path::new("runs").join(name),
         };
+        if let Some(other) = written.insert(folder.clone(), file) {
+            terminal::error(&format!(
+                "{}: name: must differ from that of {}, got \"{name}\": both would write to {}\n  \
+                 hint: run them one by one with an --out of their own",
+                file.display(),
+                other.display(),
+                folder.display()
+            ));
+            worst = worst.max(exit::BAD_INPUT);
+            continue;
+        }
         worst = worst.max(one(&loaded, &folder, options));
     }
     worst
@@ -58,8 +71,11 @@ fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
     match execute(&mut run, loaded, folder, options) {
         Ok(summary) => {
             if options.json {
-                let text = serde_json::to_string_pretty(&summary).expect("a summary is plain data");
-                terminal::print(&text);
+                let text = match options.scenarios.len() {
+                    1 => serde_json::to_string_pretty(&summary),
+                    _ => serde_json::to_string(&summary),
+                };
+                terminal::print(&text.expect("a summary is plain data"));
             } else {
                 terminal::print(&format!(
                     "{}  {}: {}\n{}  {}",

@@ -45,12 +45,21 @@ pub fn print(text: &str) {
 
 /// Prints an error with what was wrong.
 pub fn error(text: &str) {
-    let mark = if std::io::stderr().is_terminal() && COLOR.load(Ordering::Relaxed) {
-        "\x1b[1;31merror:\x1b[0m"
+    complain("error:", "1;31", text);
+}
+
+/// Prints what deserves attention and stops nothing.
+pub fn warning(text: &str) {
+    complain("warning:", "1;33", text);
+}
+
+fn complain(mark: &str, code: &str, text: &str) {
+    let text = text.replace('\x1b', "\u{fffd}");
+    if std::io::stderr().is_terminal() && COLOR.load(Ordering::Relaxed) {
+        eprintln!("\x1b[{code}m{mark}\x1b[0m {text}");
     } else {
-        "error:"
-    };
-    eprintln!("{mark} {}", text.replace('\x1b', "\u{fffd}"));
+        eprintln!("{mark} {text}");
+    }
 }
 
 fn styled(text: &str, code: &str) -> String {

@@ -180,6 +180,76 @@ fn invariant_debug_and_release_record_the_same_bytes() {
     std::fs::remove_dir_all(&folder).expect("removed");
 }
 
+/// What a command cannot do with its words is refused with the rule, and exit code 2.
+#[test]
+fn refusal_of_words() {
+    let folder = scratch("words");
+    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    std::fs::write(folder.join("few.csv"), "t,x,y,yaw\n0,0,0,0\n1,1,0,0\n").expect("written");
+    let out = path("run");
+    let recorded = appell()
+        .args(["run", "scenarios/homing.toml", "--no-report", "--out", &out])
+        .output()
+        .expect("runs");
+    assert!(recorded.status.success());
+    let recording = path("run/recording.mcap");
+    let plot = ["plot", &recording, "pose.x"];
+    for (start, words, says) in [
+        (
+            &plot[..],
+            &["--from", "900"][..],
+            "must be a span within 0 s",
+        ),
+        (&plot[..], &["--from", "3", "--to", "1"], "got 3 s … 1 s"),
+        (
+            &plot[..],
+            &["--out", "plot.pdf"],
+            "must end in .svg or .png",
+        ),
+        (
+            &["check", "robots/three-wheeler.toml"],
+            &["--set", "body.mass=3"],
+            "must be a scenario where values are set",
+        ),
+        (
+            &["run", "scenarios/homing.toml", "scenarios/homing.toml"],
+            &["--no-report", "--out", &out],
+            "both would write to",
+        ),
+        (
+            &["inverse", "scenarios/slalom.toml"],
+            &["--robot", "bob"],
+            "--robot: must be one of tri, got bob",
+        ),
+        (
+            &["inverse", "scenarios/slalom.toml"],
+            &["--of", &path("none.csv")],
+            "cannot be read",
+        ),
+        (
+            &["inverse", "scenarios/slalom.toml"],
+            &["--of", &path("few.csv")],
+            "must have at least 4 rows, got 2",
+        ),
+        (
+            &["inverse", "scenarios/slalom.toml"],
+            &["--of", &path("few.csv"), "--ahead", "0"],
+            "must be a point off the axle, got 0 m",
+        ),
+        (
+            &["inverse", "scenarios/sleigh.toml"],
+            &[],
+            "must plan a path",
+        ),
+    ] {
+        let output = appell().args(start).args(words).output().expect("runs");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{start:?} {words:?}: {text}");
+        assert!(text.contains(says), "{start:?} {words:?}: {text}");
+    }
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
 /// Exit codes, a report under 2 MB, and everything a run promises to write.
 #[test]
 fn invariant_a_run_writes_what_it_says() {
@@ -285,6 +355,24 @@ fn invariant_commands_work() {
         ])
         .contains("kinematic")
     );
+    let check = run(&["check", "robots/three-wheeler.toml", "--equations"]);
+    assert!(check.contains("equations of motion"), "{check}");
+    let latex = run(&["check", "robots/three-wheeler.toml", "--equations", "latex"]);
+    assert!(
+        latex.contains("\\begin{pmatrix} 12.000000 & 0.000000"),
+        "{latex}"
+    );
+    let planned = run(&["inverse", "scenarios/slalom.toml", "-o", &path("a.csv")]);
+    assert!(planned.contains("within all limits"), "{planned}");
+    let recorded = run(&[
+        "inverse",
+        "scenarios/homing.toml",
+        "--of",
+        &path("run/recording.mcap"),
+        "--out",
+        &path("b.csv"),
+    ]);
+    assert!(recorded.contains("wheel.left.torque"), "{recorded}");
     run(&["new", &path("mine")]);
     run(&[
         "run",

@@ -91,7 +91,13 @@ macro_rules! stepped {
                         system: &S,
                         step: Step<'_, T, $method<T>, I>,
                     ) {
-                        system.specialised(step);
+                        // Twins are compiled for held inputs only, as control loops give them: they
+                        // are large, and what varies within a step comes from tests and tools.
+                        if I::HELD {
+                            system.specialised(step);
+                        } else {
+                            step.run::<0, 0, S>(system);
+                        }
                     }
                     if std::arch::is_x86_feature_detected!("avx2")
                         && std::arch::is_x86_feature_detected!("fma")

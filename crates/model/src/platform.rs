@@ -86,8 +86,8 @@ pub const YAW: usize = 2;
 pub(crate) const POSE: usize = 5;
 /// Entries of the energy ledger: supplied, heat of windings, heat of gears, heat of friction, J.
 pub const LEDGER: usize = 4;
-/// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy.
-pub const BODY_OUTPUTS: usize = 6;
+/// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy, tip-over margin.
+pub const BODY_OUTPUTS: usize = 7;
 /// Outputs of each wheel, see [`WheelOutput`].
 pub const WHEEL_OUTPUTS: usize = 7;
 
@@ -504,6 +504,44 @@ impl<T: Scalar> Platform<T> {
         !(self.layout.constant && self.wheels[i].swivels())
     }
 
+    /// Spin rates φ̇ for a twist (V_x, V_y, ω) that the wheels allow. `[eq:kinematic]`
+    pub fn rates_from_twist(&self, x: &[T], twist: [T; 3]) -> Vec<T> {
+        let velocity = vec2(twist[0], twist[1]);
+        (0..self.wheels.len())
+            .map(|i| self.spin_rate(i, &self.wheel_frame(i, x), velocity, twist[2]))
+            .collect()
+    }
+
+    /// The twist (V_x, V_y, ω) that fits spin rates of all wheels best, and what is left: the norm
+    /// of the rates less those of that twist, rad/s, a measure of slip. Steering rates are taken as
+    /// zero. `[eq:kinematic]`
+    pub fn twist_from_rates(&self, x: &[T], rates: &[T]) -> ([T; 3], T) {
+        let n = self.layout.eta;
+        let rows: Vec<Row<T>> = (0..self.wheels.len())
+            .map(|i| self.spin_row(i, &self.wheel_frame(i, x)))
+            .collect();
+        let mut normal = [zero_row(); MAX_DOF];
+        let mut right = zero_row();
+        let mut trace = T::zero();
+        for (row, &rate) in rows.iter().zip(rates) {
+            add_outer(n, &mut normal, T::one(), row, row);
+            for k in 0..n {
+                right[k] = row[k].mul_add(rate, right[k]);
+                trace = row[k].mul_add(row[k], trace);
+            }
+        }
+        let v = crate::solve::solve_semidefinite(n, normal, right, trace * T::from(1e-12));
+        let mut fitted = zero_row();
+        fitted[..n].copy_from_slice(&v[..n]);
+        let mut square = T::zero();
+        for (row, &rate) in rows.iter().zip(rates) {
+            let left = dot(n, row, &fitted) - rate;
+            square = left.mul_add(left, square);
+        }
+        let (velocity, yaw_rate) = self.twist(&fitted);
+        ([velocity.x, velocity.y, yaw_rate], square.sqrt())
+    }
+
     /// The reduced equations for the steering angles in the state x. `[eq:reduced-dynamics]`
     #[inline(always)]
     pub fn reduce(&self, x: &[T]) -> Reduced<T> {
@@ -745,6 +783,7 @@ fn map_wheel<T: Scalar, U: Scalar>(
         viscous: at("viscous", wheel.viscous),
         pivot_viscous: at("pivot_viscous", wheel.pivot_viscous),
         dry_friction: at("dry_friction", wheel.dry_friction),
+        friction_rounding: at("friction_rounding", wheel.friction_rounding),
         brake: at("brake", wheel.brake),
         drive: match wheel.drive {
             Drive::None => Drive::None,

@@ -16,11 +16,14 @@ use crate::platform::{
     BODY_OUTPUTS, MAX_WHEELS, Platform, Reduced, WHEEL_OUTPUTS, WheelOutput, YAW,
 };
 use crate::scalar::{Mask, Scalar};
-use crate::solve::{Condition, Mobility, Row, Square, dot, invert, product, zero_row};
+use crate::solve::{
+    Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, solve_semidefinite,
+    zero_row,
+};
+use crate::support::Support;
 use crate::wheel::{Wheel, WheelFrame};
 
 use compiled::Shape;
-use contact::Contacts;
 
 /// A platform on a ground, ready to be integrated.
 #[derive(Clone, Debug)]
@@ -36,8 +39,8 @@ pub struct Rolling<T: Scalar> {
     any_rubs: bool,
     /// Whether gravity has no part along the ground.
     is_level: bool,
-    /// Static loads on level ground times cos of the slope, N, shared by compliance.
-    contacts: Option<Contacts<T>>,
+    /// The contacts that carry it, where three or more span a plane.
+    support: Option<Support<T>>,
 }
 
 /// What turns and resists one wheel.
@@ -47,8 +50,10 @@ struct Axle<T> {
     viscous: T,
     dry_friction: T,
     brake: T,
-    /// Whether there is dry friction or a brake.
+    /// Whether there is dry friction or a brake that can hold the wheel.
     rubs: bool,
+    /// Rate over which friction that cannot hold it is rounded off, rad/s.
+    rounding: Option<T>,
 }
 
 /// What gives an axle its torque.
@@ -87,8 +92,29 @@ struct Action<T: Scalar> {
     rubbed: T,
 }
 
+/// What a motion demands: the answer of inverse dynamics, per wheel.
+#[derive(Clone, Copy, Debug)]
+pub struct Demand<T> {
+    /// Torque of each drive at its axle, N·m.
+    pub torque: [T; MAX_WHEELS],
+    /// Torque of each steering motor, N·m.
+    pub steering: [T; MAX_WHEELS],
+    /// Force of the ground along the rolling direction or roller axis, N.
+    pub longitudinal: [T; MAX_WHEELS],
+    /// Force of the ground along the axle, N.
+    pub lateral: [T; MAX_WHEELS],
+    /// Normal load, N; zero where [`Rolling::support`] is `None`.
+    pub load: [T; MAX_WHEELS],
+    /// Tip-over margin, m.
+    pub tip_margin: T,
+    /// Largest generalised force that no drive can give; zero but for rounding where the motion can
+    /// be driven.
+    pub residual: T,
+}
+
 impl<T: Scalar> Axle<T> {
     fn new(wheel: &Wheel<T>, current: Option<usize>) -> Self {
+        let rounded = wheel.friction_rounding.lane(0) > 0.0;
         Axle {
             supply: match &wheel.drive {
                 Drive::None | Drive::Rate { .. } => Supply::None,
@@ -101,7 +127,8 @@ impl<T: Scalar> Axle<T> {
             viscous: wheel.viscous,
             dry_friction: wheel.dry_friction,
             brake: wheel.brake,
-            rubs: wheel.dry_friction.lane(0) > 0.0 || wheel.brake.lane(0) > 0.0,
+            rubs: !rounded && (wheel.dry_friction.lane(0) > 0.0 || wheel.brake.lane(0) > 0.0),
+            rounding: rounded.then_some(wheel.friction_rounding),
         }
     }
 
@@ -149,6 +176,8 @@ impl<T: Scalar> Axle<T> {
             action.stuck = self.sticks(mode, action.bound);
             action.rate = T::select(action.stuck, T::zero(), rate);
             action.lost = action.bound * mode;
+        } else if let Some(rounding) = self.rounding {
+            action.lost = self.bound(brake) * (rate / rounding).tanh();
         }
         action.lost = self.viscous.mul_add(action.rate, action.lost);
         action.rubbed = action.lost * action.rate;
@@ -221,9 +250,13 @@ impl<T: Scalar> Rolling<T> {
             let reduced = platform.reduce(&vec![T::zero(); layout.state()]);
             (reduced, invert(layout.dof(), &reduced.mass))
         });
-        let contacts = (layout.wheels >= 3)
-            .then(|| Contacts::new(&platform))
-            .flatten();
+        // A caster's contact moves by its trail; for the loads it stands under its pivot.
+        let contacts: Vec<_> = platform
+            .wheels()
+            .iter()
+            .map(|wheel| (wheel.mount, T::one()))
+            .collect();
+        let support = Support::new(&contacts);
         let shape = constant
             .as_ref()
             .and_then(|(reduced, inverse)| Shape::new(&platform, &axles, reduced, inverse));
@@ -237,13 +270,18 @@ impl<T: Scalar> Rolling<T> {
                 .and(is_zero(ground.gravity.y))
                 .all(),
             axles,
-            contacts,
+            support,
         }
     }
 
     /// The platform.
     pub fn platform(&self) -> &Platform<T> {
         &self.platform
+    }
+
+    /// The contacts that carry it, where three or more span a plane.
+    pub fn support(&self) -> Option<&Support<T>> {
+        self.support.as_ref()
     }
 
     /// The ground.
@@ -316,6 +354,97 @@ impl<T: Scalar> Rolling<T> {
             self.add_turning(x, u, reduced, &mut forces);
         }
         forces
+    }
+
+    /// The torques that give the accelerations `v_rate`: inverse dynamics. `[eq:inverse-dynamics]`
+    ///
+    /// Of more drives than directions, the smallest torques that do it. What the motion needs of
+    /// windings and losses beside is in [`Demand`]; commands in `u` are not read, brake and external
+    /// wrench are.
+    pub fn inverse(&self, x: &[T], u: &[T], mode: &[T], v_rate: &[T]) -> Demand<T> {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let mut u: Vec<T> = u.to_vec();
+        for command in &mut u[..layout.brake_input()] {
+            *command = T::zero();
+        }
+        let reduced = self.reduced(x);
+        let mut forces = self.forces(x, &u, mode, &reduced);
+        let mut wanted = zero_row();
+        wanted[..n].copy_from_slice(&v_rate[..n]);
+        let mut needed = product(n, &reduced.mass, &wanted);
+        for k in 0..n {
+            needed[k] -= forces.total[k];
+        }
+        let mut columns: Vec<Row<T>> = Vec::new();
+        let driven: Vec<usize> = (0..layout.wheels)
+            .filter(|&i| !matches!(self.axles[i].supply, Supply::None))
+            .collect();
+        for &i in &driven {
+            let torque = forces.actions[i].torque;
+            for k in 0..n {
+                needed[k] = reduced.spin[i][k].mul_add(torque, needed[k]);
+            }
+            columns.push(reduced.spin[i]);
+        }
+        for (k, &i) in layout.steered.iter().enumerate() {
+            let mut own = zero_row();
+            own[layout.eta + k] = T::one();
+            columns.push(own);
+            if self.platform.wheels()[i].is_plain() {
+                let frame = self.platform.wheel_frame(i, x);
+                columns.push(self.platform.lateral_row(&frame));
+            }
+        }
+        // Least norm: z = Cᵀ (C Cᵀ)⁻¹ needed.
+        let mut normal = [zero_row(); MAX_DOF];
+        for column in &columns {
+            add_outer(n, &mut normal, T::one(), column, column);
+        }
+        let mut trace = T::zero();
+        for k in 0..n {
+            trace += normal[k][k];
+        }
+        let z = solve_semidefinite(n, normal, needed, trace * T::from(1e-12));
+        let mut residual = needed;
+        let mut efforts = Vec::with_capacity(columns.len());
+        for column in &columns {
+            let effort = dot(n, column, &z);
+            for k in 0..n {
+                residual[k] = (-effort).mul_add(column[k], residual[k]);
+            }
+            efforts.push(effort);
+        }
+        let mut demand = Demand {
+            torque: [T::zero(); MAX_WHEELS],
+            steering: [T::zero(); MAX_WHEELS],
+            longitudinal: [T::zero(); MAX_WHEELS],
+            lateral: [T::zero(); MAX_WHEELS],
+            load: [T::zero(); MAX_WHEELS],
+            tip_margin: T::zero(),
+            residual: T::zero(),
+        };
+        for k in 0..n {
+            demand.residual = demand.residual.max(residual[k].abs());
+        }
+        for (&i, &effort) in driven.iter().zip(&efforts) {
+            demand.torque[i] = effort;
+            forces.actions[i].torque = effort;
+        }
+        let mut next = driven.len();
+        for &i in &layout.steered {
+            demand.steering[i] = efforts[next];
+            next += if self.platform.wheels()[i].is_plain() {
+                2
+            } else {
+                1
+            };
+        }
+        let (longitudinal, lateral) = self.contact_forces(x, &u, &reduced, &forces, &wanted);
+        (demand.load, demand.tip_margin) = self.carry(x, &longitudinal, &lateral);
+        demand.longitudinal = longitudinal;
+        demand.lateral = lateral;
+        demand
     }
 
     /// Terms of wheel planes that turn: inertia of swivelling wheels, pivot losses, steering motors.
@@ -549,7 +678,8 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         let n = layout.dof();
         let reduced = self.reduced(x);
         let forces = self.forces(x, u, mode, &reduced);
-        let (longitudinal, lateral) = self.contact_forces(x, u, &reduced, &forces);
+        let v_rate = self.acceleration(x, &reduced, &forces);
+        let (longitudinal, lateral) = self.contact_forces(x, u, &reduced, &forces, &v_rate);
         let v = &x[layout.velocity()..layout.velocity() + n];
         y[0] = forces.velocity.x;
         y[1] = forces.velocity.y;
@@ -558,7 +688,6 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
         let body = self.platform.body();
         let mut moment = body.center_of_mass * body.mass;
-        let mut total = vec2(T::zero(), T::zero());
         let mut magnetic = T::zero();
         for i in 0..layout.wheels {
             let wheel = &self.platform.wheels()[i];
@@ -585,33 +714,13 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
             set(WheelOutput::Current, current);
             set(WheelOutput::Longitudinal, longitudinal[i]);
             set(WheelOutput::Lateral, lateral[i]);
-            let rolling = wheel.rolling_row(&frame);
-            total = total + rolling.direction * longitudinal[i] + frame.left * lateral[i];
         }
         let mass = self.platform.total_mass();
         let center = vec2(x[0], x[1]) * mass + moment.rotated(cos, sin);
         y[4] = -self.ground.gravity.dot(center);
         y[5] = magnetic;
-        let loads = match &self.contacts {
-            Some(contacts) => {
-                let weight = mass * self.ground.gravity_normal;
-                let normal = self.ground.gravity_normal;
-                let mut height = body.com_height * body.mass;
-                for wheel in self.platform.wheels() {
-                    height = wheel.mass.mul_add(wheel.radius, height);
-                }
-                let height = height / mass;
-                contacts.loads(
-                    &self.platform,
-                    [
-                        weight,
-                        moment.x * normal - height * total.x,
-                        moment.y * normal - height * total.y,
-                    ],
-                )
-            }
-            None => [T::zero(); MAX_WHEELS],
-        };
+        let (loads, margin) = self.carry(x, &longitudinal, &lateral);
+        y[6] = margin;
         for i in 0..layout.wheels {
             y[layout.wheel_output(i, WheelOutput::Load)] = loads[i];
         }

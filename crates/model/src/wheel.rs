@@ -63,6 +63,9 @@ pub struct Wheel<T> {
     pub pivot_viscous: T,
     /// Bound of the dry friction torque without brake (bearing, gear, rolling resistance), N·m.
     pub dry_friction: T,
+    /// Rate over which dry friction is rounded off as tanh(φ̇ / this), rad/s; 0 for friction that
+    /// holds a wheel at rest. A rounded wheel creeps: for comparison with models that do so.
+    pub friction_rounding: T,
     /// What the brake adds to the bound at full command, N·m.
     pub brake: T,
     /// What drives the axle.

@@ -131,6 +131,7 @@ fn wheel(file: &scenario::Wheel, drives: DriveModel) -> Wheel<f64> {
         viscous: file.friction.viscous,
         pivot_viscous: file.friction.pivot_viscous,
         dry_friction: file.friction.dry,
+        friction_rounding: 0.0,
         brake: file.brake_torque,
         drive,
     }

@@ -210,8 +210,8 @@ impl Block for Signals {
         _input: &[f64],
         output: &mut [f64],
     ) -> Result<(), BlockError> {
-        for (value, waveform) in output.iter_mut().zip(&self.waveforms) {
-            *value = waveform.at(t);
+        for (k, waveform) in self.waveforms.iter().enumerate() {
+            output[k] = waveform.at(t);
         }
         Ok(())
     }

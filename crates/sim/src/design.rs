@@ -4,6 +4,7 @@ use appell_model::drive::Drive;
 use appell_model::math::hypot;
 use appell_model::math::single::atan2;
 use appell_model::solve::{dot, invert, product};
+use appell_model::support::Support;
 
 use crate::build::{self, DriveModel};
 use crate::scenario::Platform as File;
@@ -50,7 +51,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
     add(
         "degree of mobility δm",
         mobility.to_string(),
-        &format!("type ({mobility}, 0); steerability δs = 0"),
+        &format!("type ({mobility}, 0) of Campion, Bastin and d'Andréa-Novel; steerability δs = 0"),
     );
     let lateral = wheels
         .iter()
@@ -170,8 +171,11 @@ pub fn design(file: &File, gravity: f64) -> Design {
             "without power: dry friction and brakes, wheels do not slip",
         );
     }
-    let contacts: Vec<[f64; 2]> = file.wheel.iter().map(|w| w.mount).collect();
-    let hull = convex_hull(&contacts);
+    let contacts: Vec<_> = wheels.iter().map(|wheel| (wheel.mount, 1.0)).collect();
+    let hull: Vec<[f64; 2]> = Support::new(&contacts).map_or(Vec::new(), |support| {
+        let corners = support.polygon();
+        corners.iter().map(|corner| [corner.x, corner.y]).collect()
+    });
     let mut inside = hull.len() >= 3;
     for (name, direction) in [
         ("forward", [1.0, 0.0]),
@@ -197,6 +201,146 @@ pub fn design(file: &File, gravity: f64) -> Design {
     }
     plausible(file, &mut report.warnings);
     report
+}
+
+/// The equations of motion of a robot, M v̇ + ω G v = Σ sᵢ τᵢ − losses + weight: numbers at the
+/// angles at which its casters and steered wheels start. `[eq:reduced-dynamics]`
+#[derive(Clone, Debug, PartialEq)]
+pub struct Equations {
+    /// What each velocity coordinate moves: the twist (m/s, m/s, rad/s) and steering rate of a unit.
+    pub coordinates: Vec<[f64; 3]>,
+    /// Reduced mass matrix M.
+    pub mass: Vec<Vec<f64>>,
+    /// Matrix G of the quadratic terms.
+    pub gyro: Vec<Vec<f64>>,
+    /// The wheels, with the rows sᵢ of φ̇ᵢ = sᵢ · v; the input map of the driven ones.
+    pub wheels: Vec<(String, bool, Vec<f64>)>,
+}
+
+/// Derives the equations for a gravity in m/s².
+///
+/// # Panics
+/// If the file has not been checked.
+pub fn equations(file: &File, gravity: f64) -> Equations {
+    let platform = build::platform(file, DriveModel::AsBuilt, gravity)
+        .expect("a checked platform can be built");
+    let n = platform.layout().dof();
+    let x = build::rest_state(&platform, [0.0; 3], &[]);
+    let reduced = platform.reduce(&x);
+    let block = |matrix: &appell_model::solve::Square<f64>| -> Vec<Vec<f64>> {
+        matrix[..n].iter().map(|row| row[..n].to_vec()).collect()
+    };
+    let coordinates = (0..n).map(|k| {
+        let mut unit = appell_model::solve::zero_row();
+        unit[k] = 1.0;
+        let (velocity, yaw_rate) = platform.twist(&unit);
+        [velocity.x, velocity.y, yaw_rate]
+    });
+    let wheels = platform.wheels().iter().enumerate().map(|(i, wheel)| {
+        let row = platform.spin_row(i, &platform.wheel_frame(i, &x));
+        let driven = !matches!(wheel.drive, Drive::None);
+        (wheel.name.clone(), driven, row[..n].to_vec())
+    });
+    Equations {
+        coordinates: coordinates.collect(),
+        mass: block(&reduced.mass),
+        gyro: block(&reduced.gyro),
+        wheels: wheels.collect(),
+    }
+}
+
+impl Equations {
+    /// Names of the velocity coordinates: V, ω where a coordinate is a component of the twist.
+    fn names(&self, forward: &str, left: &str, turn: &str) -> Vec<String> {
+        let name = |(k, twist): (usize, &[f64; 3])| {
+            let pure = |axis: usize| (0..3).all(|a| (twist[a] == 0.0) != (a == axis));
+            match [0, 1, 2].map(pure) {
+                [true, ..] => forward.to_owned(),
+                [_, true, _] => left.to_owned(),
+                [.., true] => turn.to_owned(),
+                _ => format!("v_{}", k + 1),
+            }
+        };
+        self.coordinates.iter().enumerate().map(name).collect()
+    }
+
+    /// As aligned text.
+    pub fn text(&self) -> String {
+        let row = |values: &[f64]| -> String {
+            values
+                .iter()
+                .map(|value| format!("{value:>12.6}"))
+                .collect()
+        };
+        let mut out =
+            String::from("  equations of motion: M v' + ω G v = Σ s τ − losses + weight\n");
+        out += &format!("    v = ({})\n", self.names("V_x", "V_y", "ω").join(", "));
+        for (name, matrix) in [("M", &self.mass), ("G", &self.gyro)] {
+            for (k, values) in matrix.iter().enumerate() {
+                let name = if k == 0 { name } else { "" };
+                out += &format!("    {name:12}{}\n", row(values));
+            }
+        }
+        for (name, driven, values) in &self.wheels {
+            let role = if *driven { "driven" } else { "free" };
+            let label = format!("s {name}");
+            out += &format!("    {label:12}{}  {role}\n", row(values));
+        }
+        out
+    }
+
+    /// As LaTeX, without delimiters.
+    pub fn latex(&self) -> String {
+        let number = |value: &f64| rounded(*value);
+        let matrix = |rows: &[Vec<f64>]| {
+            let lines: Vec<String> = rows
+                .iter()
+                .map(|row| row.iter().map(number).collect::<Vec<_>>().join(" & "))
+                .collect();
+            format!(
+                "\\begin{{pmatrix}} {} \\end{{pmatrix}}",
+                lines.join(r" \\ ")
+            )
+        };
+        let driven: Vec<_> = self
+            .wheels
+            .iter()
+            .filter(|(_, driven, _)| *driven)
+            .collect();
+        let inputs: Vec<Vec<f64>> = (0..self.mass.len())
+            .map(|k| driven.iter().map(|(_, _, row)| row[k]).collect())
+            .collect();
+        let names = self.names("V_x", "V_y", r"\omega");
+        let rates: Vec<String> = names.iter().map(|name| format!(r"\dot {name}")).collect();
+        let torques: Vec<String> = driven
+            .iter()
+            .map(|(name, ..)| format!(r"\tau_{{\mathrm{{{}}}}}", name.replace('_', r"\_")))
+            .collect();
+        let column = |entries: &[String]| {
+            format!(
+                "\\begin{{pmatrix}} {} \\end{{pmatrix}}",
+                entries.join(r" \\ ")
+            )
+        };
+        format!(
+            "{} {} + \\omega {} {} = {} {} + \\dots",
+            matrix(&self.mass),
+            column(&rates),
+            matrix(&self.gyro),
+            column(&names),
+            matrix(&inputs),
+            column(&torques)
+        )
+    }
+}
+
+/// Six decimals, without the sign of a zero.
+fn rounded(value: f64) -> String {
+    let text = format!("{value:.6}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.chars().all(|c| c == '0' || c == '.') => digits.to_owned(),
+        _ => text,
+    }
 }
 
 /// Seconds in a readable unit.
@@ -275,31 +419,6 @@ fn plausible(file: &File, warnings: &mut Vec<String>) {
             ));
         }
     }
-}
-
-/// Convex hull, counter-clockwise (A. M. Andrew's monotone chain).
-fn convex_hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mut sorted = points.to_vec();
-    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
-        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    };
-    let half = |points: &mut dyn Iterator<Item = [f64; 2]>| {
-        let mut chain: Vec<[f64; 2]> = Vec::new();
-        for point in points {
-            while chain.len() >= 2
-                && turn(chain[chain.len() - 2], chain[chain.len() - 1], point) <= 0.0
-            {
-                chain.pop();
-            }
-            chain.push(point);
-        }
-        chain.pop();
-        chain
-    };
-    let mut hull = half(&mut sorted.iter().copied());
-    hull.extend(half(&mut sorted.iter().rev().copied()));
-    hull
 }
 
 /// Distance from a point within the hull to its edge along a direction, m; `None` outside.

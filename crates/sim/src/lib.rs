@@ -9,6 +9,7 @@ pub mod compare;
 pub mod controller;
 pub mod design;
 mod drawing;
+pub mod inverse;
 pub mod judge;
 pub mod layout;
 mod meter;

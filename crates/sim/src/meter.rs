@@ -25,8 +25,12 @@ struct Gauge {
     commands: Vec<(usize, &'static str)>,
     currents: Vec<usize>,
     torques: Vec<usize>,
-    /// Columns of longitudinal force, lateral force and load of each wheel.
-    forces: Vec<[usize; 3]>,
+    /// Each wheel, with the columns of longitudinal force, lateral force and load.
+    forces: Vec<(String, [usize; 3])>,
+    /// Columns of x and y.
+    position: Option<[usize; 2]>,
+    /// Column of the distance of the zero-moment point from the edge of the support.
+    tip: Option<usize>,
     /// Columns of energy supplied, heat of windings and residual, with their last values.
     energies: Vec<(&'static str, usize, f64)>,
     /// Coefficient of friction of the ground, if it is known.
@@ -35,6 +39,12 @@ struct Gauge {
     load: Option<f64>,
     /// Highest share of the friction limit, %.
     demand: f64,
+    /// Lowest tip-over margin, m.
+    margin: Option<f64>,
+    /// Where a wheel first asked for more friction than there is, lifted, and the robot tipped.
+    first_slip: Option<Place>,
+    first_lift: Option<Place>,
+    first_tip: Option<Place>,
     speed: f64,
     command_square: f64,
     command_peak: f64,
@@ -43,6 +53,26 @@ struct Gauge {
     offset_square: f64,
     offset_peak: f64,
     rows: f64,
+}
+
+/// Where and when something happened first.
+struct Place {
+    t: f64,
+    position: [f64; 2],
+    /// The wheel; empty for the whole robot.
+    wheel: String,
+}
+
+impl Place {
+    /// As a note: `from 1.25 s at (0.50, 2.00), left`.
+    fn note(&self) -> String {
+        let wheel = match self.wheel.as_str() {
+            "" => String::new(),
+            wheel => format!(", {wheel}"),
+        };
+        let [x, y] = self.position;
+        format!("from {:.2} s at ({x:.2}, {y:.2}){wheel}", self.t)
+    }
 }
 
 impl<'a> Meter<'a> {
@@ -68,6 +98,9 @@ impl<'a> Meter<'a> {
                         // The speed to the left follows it.
                         "twist.forward" => gauge.speeds = Some([k, k + 1]),
                         "path.offset" => gauge.offset = Some(k),
+                        // y follows x.
+                        "pose.x" => gauge.position = Some([k, k + 1]),
+                        "tip_margin" => gauge.tip = Some(k),
                         _ => {}
                     }
                     for known in ["energy.supplied", "energy.windings", "energy.residual"] {
@@ -93,7 +126,8 @@ impl<'a> Meter<'a> {
                         }
                         if path.ends_with(".force.longitudinal") {
                             // The lateral force and the load follow it.
-                            gauge.forces.push([k, k + 1, k + 2]);
+                            let wheel = path.split('.').nth(1).unwrap_or_default();
+                            gauge.forces.push((wheel.to_owned(), [k, k + 1, k + 2]));
                         }
                     }
                 }
@@ -206,26 +240,22 @@ impl<'a> Meter<'a> {
                 String::new(),
             );
         }
+        let told = |place: &Option<Place>, what: &str, otherwise: String| match place {
+            Some(place) => format!("{what} {}", place.note()),
+            None => otherwise,
+        };
         if let Some(load) = gauge.load {
-            let note = if load < 0.0 {
-                "below 0: a wheel would lift"
-            } else {
-                ""
-            };
-            add("lowest wheel load", load, "N", note.into());
+            let note = told(&gauge.first_lift, "a wheel would lift", String::new());
+            add("lowest wheel load", load, "N", note);
             if let Some(friction) = gauge.friction {
-                let note = if gauge.demand > 100.0 {
-                    "above 100: the wheels would slip"
-                } else {
-                    ""
-                };
-                let note = if note.is_empty() {
-                    format!("of μN, μ = {friction}")
-                } else {
-                    note.into()
-                };
+                let limit = format!("of μN, μ = {friction}");
+                let note = told(&gauge.first_slip, "would slip", limit);
                 add("highest friction used", gauge.demand, "%", note);
             }
+        }
+        if let Some(margin) = gauge.margin {
+            let note = told(&gauge.first_tip, "would tip over", String::new());
+            add("lowest tip-over margin", margin, "m", note);
         }
         let last = |key: &str| {
             let known = gauge.energies.iter().find(|(name, ..)| *name == key);
@@ -273,13 +303,26 @@ impl Recorder for Meter<'_> {
                 gauge.command_square += row[k] * row[k];
                 gauge.command_peak = gauge.command_peak.max(row[k].abs());
             }
+            let position = gauge.position.map_or([0.0; 2], |at| at.map(|k| row[k]));
+            // Nothing is allocated but for what happens for the first time.
+            let here = |wheel: &str| Place {
+                t,
+                position,
+                wheel: wheel.to_owned(),
+            };
             // Without three contacts the loads are not known, and all are zero.
-            let known = gauge.forces.iter().any(|columns| row[columns[2]] != 0.0);
-            for &[along, across, load] in gauge.forces.iter().filter(|_| known) {
-                let load = row[load];
+            let known = gauge
+                .forces
+                .iter()
+                .any(|(_, columns)| row[columns[2]] != 0.0);
+            for (wheel, columns) in gauge.forces.iter().filter(|_| known) {
+                let [along, across, load] = columns.map(|k| row[k]);
                 gauge.load = Some(gauge.load.map_or(load, |lowest| lowest.min(load)));
+                if load < 0.0 && gauge.first_lift.is_none() {
+                    gauge.first_lift = Some(here(wheel));
+                }
                 if let Some(friction) = gauge.friction {
-                    let force = crate::plant::speed(row[along], row[across]);
+                    let force = crate::plant::speed(along, across);
                     // A wheel that just touches needs no friction for a force that is rounding.
                     let share = if force < 1e-9 {
                         0.0
@@ -287,6 +330,15 @@ impl Recorder for Meter<'_> {
                         100.0 * force / (friction * load).max(1e-9)
                     };
                     gauge.demand = gauge.demand.max(share.min(1e6));
+                    if share > 100.0 && gauge.first_slip.is_none() {
+                        gauge.first_slip = Some(here(wheel));
+                    }
+                }
+            }
+            if let Some(margin) = gauge.tip.map(|k| row[k]) {
+                gauge.margin = Some(gauge.margin.map_or(margin, |lowest| lowest.min(margin)));
+                if margin < 0.0 && gauge.first_tip.is_none() {
+                    gauge.first_tip = Some(here(""));
                 }
             }
             for &k in &gauge.torques {

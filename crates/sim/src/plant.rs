@@ -115,7 +115,7 @@ impl Plant {
             .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some())
             .collect();
         let prefix = format!("robot.{name}");
-        let (inputs, outputs) = ports(&prefix, &platform, level);
+        let (inputs, mut outputs) = ports(&prefix, &platform, level);
         let system = match level {
             Level::Kinematic => {
                 System::Kinematic(Box::new(Kinematic::new(platform).ok_or(PlantError {
@@ -125,7 +125,16 @@ impl Plant {
                     hint: "use level \"rolling\", or drive more wheels".into(),
                 })?))
             }
-            Level::Rolling => System::Rolling(Box::new(Rolling::new(platform, ground))),
+            Level::Rolling => {
+                let system = Rolling::new(platform, ground);
+                if system.support().is_some() {
+                    outputs.push(Port {
+                        path: format!("{prefix}.tip_margin"),
+                        unit: "m".into(),
+                    });
+                }
+                System::Rolling(Box::new(system))
+            }
         };
         let method = match &system {
             System::Kinematic(system) => method(system.as_ref(), numerics, &x, &u)?,
@@ -429,6 +438,9 @@ impl Block for Plant {
         // What the ledger does not explain: zero but for the integrator.
         let stored = y[3] + y[4] + y[5] - self.energy_start;
         put(stored - (supplied - windings - gears - friction));
+        if rolling.support().is_some() {
+            put(y[6]);
+        }
     }
 
     fn save(&self, bytes: &mut Vec<u8>) {
@@ -459,8 +471,8 @@ impl Block for Plant {
 impl Plant {
     /// Ports to the model's input vector: the commands in order, then the brake.
     fn take_input(&mut self, input: &[f64]) {
-        for (&at, &command) in self.commands.iter().zip(input) {
-            self.u[at] = command;
+        for (k, &at) in self.commands.iter().enumerate() {
+            self.u[at] = input[k];
         }
         self.u[self.brake] = input[self.commands.len()].clamp(0.0, 1.0);
     }

@@ -13,8 +13,10 @@ use appell_model::integrate::{Adaptive, Exponential, RungeKutta4};
 use appell_model::kinematic::Kinematic;
 use appell_model::planar::vec2;
 use appell_model::platform::{Body, Layout, Platform, WheelOutput, YAW};
+use appell_model::pose_error::PoseError;
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
+use appell_model::support::Support;
 use appell_model::wheel::{Rim, Steering, Wheel};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -39,13 +41,17 @@ pub struct Vector {
     /// Names of the states.
     #[serde(default)]
     pub state_columns: Vec<String>,
+    /// Names of what a pointwise vector is given.
+    #[serde(default)]
+    pub input_columns: Vec<String>,
     /// Names of the outputs.
     #[serde(default)]
     pub output_columns: Vec<String>,
     /// Sample times, s.
     #[serde(default)]
     pub t: Vec<f64>,
-    /// One row per sample time; only tests read it.
+    /// One row per sample time, which only tests read; of a pointwise vector one row per point,
+    /// inputs first.
     #[serde(default)]
     pub data: Vec<Vec<Value>>,
     /// Pass tolerance.
@@ -209,18 +215,77 @@ pub enum Method {
     Exponential(f64),
 }
 
-/// Where a column of a vector stands.
+/// How a column of a vector follows from an instant.
+#[derive(Clone, Debug)]
 enum Column {
-    State { index: usize, factor: f64 },
-    Output { index: usize, factor: f64 },
-    OutputSum(Vec<usize>),
+    /// Σ factor · value.
+    Sum(Vec<(Place, f64)>),
+    /// First or second component of two columns turned by the heading.
+    Turned(Box<[Column; 2]>, usize),
+    /// √(a² + b²).
+    Norm(Box<[Column; 2]>),
 }
 
-/// A vector made ready: a platform, its initial state, and where its columns stand.
+/// Where a value stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Place {
+    State(usize),
+    Rate(usize),
+    Output(usize),
+}
+
+/// State, its rate and the outputs at an instant.
+struct Instant<'a, T> {
+    x: &'a [T],
+    dx: &'a [T],
+    y: &'a [T],
+}
+
+impl Column {
+    fn one(place: Place) -> Column {
+        Column::Sum(vec![(place, 1.0)])
+    }
+
+    fn at<T: Scalar>(&self, now: &Instant<'_, T>) -> T {
+        match self {
+            Column::Sum(terms) => {
+                let mut sum = T::zero();
+                for (place, factor) in terms {
+                    let value = match *place {
+                        Place::State(index) => now.x[index],
+                        Place::Rate(index) => now.dx[index],
+                        Place::Output(index) => now.y[index],
+                    };
+                    sum = value.mul_add(T::from(*factor), sum);
+                }
+                sum
+            }
+            Column::Turned(pair, axis) => {
+                let (sin, cos) = now.x[YAW].sin_cos();
+                let turned = vec2(pair[0].at(now), pair[1].at(now)).rotated(cos, sin);
+                if *axis == 0 { turned.x } else { turned.y }
+            }
+            Column::Norm(pair) => {
+                let (a, b) = (pair[0].at(now), pair[1].at(now));
+                a.mul_add(a, b * b).sqrt()
+            }
+        }
+    }
+}
+
+/// The model that a vector is about.
+enum Model {
+    Robot {
+        platform: Box<Platform<f64>>,
+        ground: Ground<f64>,
+        kinematic: bool,
+    },
+    PoseError(PoseError<f64>),
+}
+
+/// A vector made ready: a model, its initial state, and where its columns stand.
 struct Problem {
-    platform: Platform<f64>,
-    ground: Ground<f64>,
-    kinematic: bool,
+    model: Model,
     x0: Vec<f64>,
     /// Index in the input vector and signal.
     inputs: Vec<(usize, Signal)>,
@@ -271,21 +336,34 @@ fn wrong(text: impl Into<String>) -> Refusal {
 /// Runs a vector in the scalar T; rows of states and outputs at its sample times.
 pub fn run<T: Scalar>(vector: &Vector, method: Method) -> Result<Vec<Vec<T>>, Refusal> {
     let problem = prepare(vector)?;
-    let lift = |platform: &Platform<f64>| platform.map(&mut |_, value| T::from(value));
-    let platform = lift(&problem.platform);
-    let ground = Ground {
-        gravity: vec2(
-            T::from(problem.ground.gravity.x),
-            T::from(problem.ground.gravity.y),
-        ),
-        gravity_normal: T::from(problem.ground.gravity_normal),
-    };
-    if problem.kinematic {
-        let system =
-            Kinematic::new(platform).ok_or_else(|| wrong("wheels do not determine the motion"))?;
-        integrate(vector, &problem, &system, method)
-    } else {
-        integrate(vector, &problem, &Rolling::new(platform, ground), method)
+    match &problem.model {
+        Model::PoseError(model) => {
+            let model = PoseError {
+                mass: T::from(model.mass),
+                inertia: T::from(model.inertia),
+                lever: T::from(model.lever),
+                ahead: T::from(model.ahead),
+            };
+            integrate(vector, &problem, &model, method)
+        }
+        Model::Robot {
+            platform,
+            ground,
+            kinematic,
+        } => {
+            let platform = platform.map(&mut |_, value| T::from(value));
+            let ground = Ground {
+                gravity: vec2(T::from(ground.gravity.x), T::from(ground.gravity.y)),
+                gravity_normal: T::from(ground.gravity_normal),
+            };
+            if *kinematic {
+                let system = Kinematic::new(platform)
+                    .ok_or_else(|| wrong("wheels do not determine the motion"))?;
+                integrate(vector, &problem, &system, method)
+            } else {
+                integrate(vector, &problem, &Rolling::new(platform, ground), method)
+            }
+        }
     }
 }
 
@@ -300,6 +378,7 @@ fn integrate<T: Scalar, S: Dynamics<T>>(
     let mut mode = vec![T::one(); sizes.mode];
     let mut u = vec![T::zero(); sizes.input];
     let mut y = vec![T::zero(); sizes.output];
+    let mut dx = vec![T::zero(); sizes.state];
     let end = vector.t.last().copied().unwrap_or(0.0);
     let mut stops = vector.t.clone();
     for (_, signal) in &problem.inputs {
@@ -334,7 +413,13 @@ fn integrate<T: Scalar, S: Dynamics<T>>(
             let mut now = mode.clone();
             system.decide(&x, &u, &mut now);
             system.output(&x, &u, &now, &mut y);
-            rows.push(problem.columns.iter().map(|c| column(c, &x, &y)).collect());
+            system.derivative(&x, &u, &now, &mut dx);
+            let now = Instant {
+                x: &x,
+                dx: &dx,
+                y: &y,
+            };
+            rows.push(problem.columns.iter().map(|c| c.at(&now)).collect());
         }
         let Some(&next) = stops.get(k + 1) else {
             break;
@@ -369,20 +454,6 @@ fn integrate<T: Scalar, S: Dynamics<T>>(
     Ok(rows)
 }
 
-fn column<T: Scalar>(column: &Column, x: &[T], y: &[T]) -> T {
-    match column {
-        Column::State { index, factor } => x[*index] * T::from(*factor),
-        Column::Output { index, factor } => y[*index] * T::from(*factor),
-        Column::OutputSum(indices) => {
-            let mut sum = T::zero();
-            for &index in indices {
-                sum += y[index];
-            }
-            sum
-        }
-    }
-}
-
 fn number(params: &Map<String, Value>, key: &str) -> Result<f64, Refusal> {
     params
         .get(key)
@@ -407,6 +478,7 @@ fn plain_wheel(name: &str, x: f64, y: f64, radius: f64) -> Wheel<f64> {
         viscous: 0.0,
         pivot_viscous: 0.0,
         dry_friction: 0.0,
+        friction_rounding: 0.0,
         brake: 0.0,
         drive: Drive::Torque {
             torque_max: f64::INFINITY,
@@ -415,6 +487,9 @@ fn plain_wheel(name: &str, x: f64, y: f64, radius: f64) -> Wheel<f64> {
 }
 
 fn prepare(vector: &Vector) -> Result<Problem, Refusal> {
+    if vector.model == "pose_error" {
+        return pose_error(vector);
+    }
     let p = &vector.params;
     let ground = Ground::plane(
         number_or(p, "g", 9.81),
@@ -424,6 +499,7 @@ fn prepare(vector: &Vector) -> Result<Problem, Refusal> {
     let (body, wheels, kinematic, names) = match vector.model.as_str() {
         "diff_kinematic" | "diff_dynamic" | "diff_incline" | "diff_motor" => differential(vector)?,
         "general_rolling" | "mecanum_dynamic" => listed_wheels(vector)?,
+        "pioneer2dx" => pioneer(vector)?,
         other => return Err(Refusal::Foreign(format!("model {other}"))),
     };
     let platform = Platform::new(body, wheels).map_err(|e| wrong(format!("{e:?}")))?;
@@ -443,39 +519,54 @@ fn prepare(vector: &Vector) -> Result<Problem, Refusal> {
     }
     let mut x0 = vec![0.0; layout.state()];
     let get = |name: &str| vector.x0.get(name).copied();
-    let heading = ["phi", "theta"].iter().find_map(|n| get(n)).unwrap_or(0.0);
-    x0[0] = get("x").unwrap_or(0.0);
-    x0[1] = get("y").unwrap_or(0.0);
+    let first_of = |names: &[&str]| names.iter().find_map(|n| get(n)).unwrap_or(0.0);
+    let heading = first_of(&["phi", "theta", "beta"]);
+    x0[0] = first_of(&["x", "x_A"]);
+    x0[1] = first_of(&["y", "y_A"]);
     x0[YAW] = heading;
+    let radius = platform.wheels()[0].radius;
+    let rolled = get("alpha_d").map(|rate| rate * radius);
     let velocity = vec2(
-        get("V").or(get("V_x")).unwrap_or(0.0),
+        get("V").or(get("V_x")).or(rolled).unwrap_or(0.0),
         get("V_y").unwrap_or(0.0),
     );
+    let yaw_rate = first_of(&["omega", "beta_d"]);
     let steering: Vec<f64> = layout
         .steered
         .iter()
         .map(|i| get(&format!("gamma_dot_{}", i + 1)).unwrap_or(0.0))
         .collect();
-    let v = platform.velocity_from_twist(velocity, get("omega").unwrap_or(0.0), &steering);
+    let v = platform.velocity_from_twist(velocity, yaw_rate, &steering);
     let at = layout.velocity();
     x0[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
 
+    if let Some(mean) = get("alpha") {
+        // The mean angle of both wheels, which have turned apart as the heading has.
+        for i in 0..2 {
+            let apart = -platform.wheels()[i].mount.y / radius * heading;
+            x0[layout.spin(i)] = mean + apart;
+        }
+    }
     let mut columns = Vec::new();
     for name in vector.state_columns.iter().chain(&vector.output_columns) {
         let column = find_column(name, &names, &platform)
             .ok_or_else(|| wrong(format!("column {name}: unknown")))?;
-        if let (Column::State { index, factor }, Some(&value)) = (&column, vector.x0.get(name)) {
+        if let (Column::Sum(terms), Some(&value)) = (&column, vector.x0.get(name))
+            && let [(Place::State(index), factor)] = terms[..]
+        {
             // Velocities were set from the twist as a whole.
-            if !(at..at + layout.eta).contains(index) {
-                x0[*index] = value / factor;
+            if !(at..at + layout.eta).contains(&index) {
+                x0[index] = value / factor;
             }
         }
         columns.push(column);
     }
     Ok(Problem {
-        platform,
-        ground,
-        kinematic,
+        model: Model::Robot {
+            platform: Box::new(platform),
+            ground,
+            kinematic,
+        },
         x0,
         inputs,
         constant_inputs,
@@ -534,11 +625,6 @@ fn differential(vector: &Vector) -> Result<Parts, Refusal> {
 
 fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
     let p = &vector.params;
-    if number_or(p, "roll_eps", 0.0) > 0.0 {
-        return Err(Refusal::Foreign(
-            "rolling resistance smoothed by roll_eps".into(),
-        ));
-    }
     let com = vec2(number_or(p, "com_x", 0.0), number_or(p, "com_y", 0.0));
     let body = if vector.model == "mecanum_dynamic" {
         let mass = number(p, "mass")?;
@@ -591,6 +677,7 @@ fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
             viscous: number_or(w, "viscous", 0.0),
             pivot_viscous: number_or(w, "pivot_viscous", 0.0),
             dry_friction: number_or(w, "load", 0.0) * number_or(w, "rolling_arm", 0.0),
+            friction_rounding: number_or(p, "roll_eps", 0.0),
             ..plain_wheel(
                 &format!("w{}", i + 1),
                 number(w, "x")?,
@@ -603,12 +690,78 @@ fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
     Ok((body, wheels, false, names))
 }
 
+/// Two wheels and a frame behind their axle; wheel 1 is the right one.
+fn pioneer(vector: &Vector) -> Result<Parts, Refusal> {
+    let p = &vector.params;
+    let body = Body {
+        mass: number(p, "m4")?,
+        inertia_com: number(p, "I_z4")?,
+        center_of_mass: vec2(-number(p, "l2")?, 0.0),
+        com_height: 0.0,
+    };
+    let half = number(p, "l1")?;
+    let mut wheels = Vec::new();
+    for (name, side) in [("1", -half), ("2", half)] {
+        wheels.push(Wheel {
+            mass: number(p, "m1")?,
+            inertia_vertical: number(p, "I_x1")?,
+            spin_inertia: number(p, "I_z1")?,
+            dry_friction: number(p, &format!("N{name}"))? * number(p, &format!("f{name}"))?,
+            friction_rounding: number_or(p, "roll_eps", 0.0),
+            ..plain_wheel(name, 0.0, side, number(p, "r")?)
+        });
+    }
+    Ok((body, wheels, false, vec!["1".into(), "2".into()]))
+}
+
+fn pose_error(vector: &Vector) -> Result<Problem, Refusal> {
+    let p = &vector.params;
+    let model = PoseError {
+        mass: number(p, "mass")?,
+        inertia: number(p, "J")?,
+        lever: number(p, "d")?,
+        ahead: number_or(p, "p", 0.0),
+    };
+    const STATES: [&str; 5] = ["x_e", "y_e", "theta_e", "dv", "dw"];
+    const INPUTS: [&str; 6] = ["v", "omega", "v1", "omega1", "F1", "F2"];
+    const OUTPUTS: [&str; 2] = ["v_total", "omega_total"];
+    let find = |names: &[&str], name: &str| names.iter().position(|n| *n == name);
+    let mut inputs = Vec::new();
+    for (name, signal) in &vector.inputs {
+        let index = find(&INPUTS, name).ok_or_else(|| wrong(format!("input {name}: unknown")))?;
+        inputs.push((index, signal.clone()));
+    }
+    let names = vector.state_columns.iter().chain(&vector.output_columns);
+    let columns: Result<Vec<Column>, Refusal> = names
+        .map(|name| {
+            let state = find(&STATES, name).map(Place::State);
+            let place = state.or(find(&OUTPUTS, name).map(Place::Output));
+            let place = place.ok_or_else(|| wrong(format!("column {name}: unknown")))?;
+            Ok(Column::one(place))
+        })
+        .collect();
+    let start = |name: &&str| vector.x0.get(*name).copied().unwrap_or(0.0);
+    Ok(Problem {
+        model: Model::PoseError(model),
+        x0: STATES.iter().map(start).collect(),
+        inputs,
+        constant_inputs: Vec::new(),
+        columns: columns?,
+    })
+}
+
 fn wheel_of<'a>(name: &'a str, names: &Suffixes) -> Option<(&'a str, usize)> {
     let (stem, suffix) = name.rsplit_once('_')?;
     Some((stem, names.iter().position(|n| n == suffix)?))
 }
 
 fn input_index(name: &str, names: &Suffixes, layout: &Layout) -> Option<usize> {
+    match name {
+        // The lecture's torques, of the right and the left wheel.
+        "M1" => return Some(0),
+        "M2" => return Some(1),
+        _ => {}
+    }
     let (stem, i) = wheel_of(name, names)?;
     match stem {
         "tau" | "u" | "w" => Some(i),
@@ -622,25 +775,56 @@ fn input_index(name: &str, names: &Suffixes, layout: &Layout) -> Option<usize> {
 
 fn find_column(name: &str, names: &Suffixes, platform: &Platform<f64>) -> Option<Column> {
     let layout = platform.layout();
-    let state = |index| Some(Column::State { index, factor: 1.0 });
-    let output = |index| Some(Column::Output { index, factor: 1.0 });
+    let state = |index| Some(Column::one(Place::State(index)));
+    let output = |index| Some(Column::one(Place::Output(index)));
+    let total = |what| {
+        let places = (0..layout.wheels).map(|i| Place::Output(layout.wheel_output(i, what)));
+        Column::Sum(places.map(|place| (place, 1.0)).collect())
+    };
+    let ground = || {
+        Box::new([
+            total(WheelOutput::Longitudinal),
+            total(WheelOutput::Lateral),
+        ])
+    };
+    let radius = platform.wheels()[0].radius;
     match name {
-        "x" => return state(0),
-        "y" => return state(1),
-        "phi" | "theta" => return state(YAW),
+        "x" | "x_A" => return state(0),
+        "y" | "y_A" => return state(1),
+        "phi" | "theta" | "beta" => return state(YAW),
         "V" | "V_x" => return output(0),
         "V_y" => return output(1),
-        "omega" => return output(2),
+        "omega" | "beta_d" => return output(2),
         "E_kin" => return output(3),
         "E_pot" => return output(4),
         "E_mag" => return output(5),
         "work" | "W_elec" => return state(layout.ledger()),
         "W_joule" => return state(layout.ledger() + 1),
-        "F_lat_sum" => {
-            let sides = (0..layout.wheels)
-                .map(|i| layout.wheel_output(i, WheelOutput::Lateral))
-                .collect();
-            return Some(Column::OutputSum(sides));
+        "F_lat_sum" | "T_p" => return Some(total(WheelOutput::Lateral)),
+        "T_o" => return Some(total(WheelOutput::Longitudinal)),
+        "T_A" => return Some(Column::Norm(ground())),
+        "lambda1" => return Some(Column::Turned(ground(), 0)),
+        "lambda2" => return Some(Column::Turned(ground(), 1)),
+        // The mean of both wheels' angles, and what it is by rolling.
+        "alpha" => {
+            let spins = [0, 1].map(|i| (Place::State(layout.spin(i)), 0.5));
+            return Some(Column::Sum(spins.to_vec()));
+        }
+        "alpha_d" => return Some(Column::Sum(vec![(Place::Output(0), 1.0 / radius)])),
+        "alpha_dd" | "beta_dd" => {
+            let (velocity, yaw_rate) = match name {
+                "alpha_dd" => (1.0 / radius, 0.0),
+                _ => (0.0, 1.0),
+            };
+            // V and ω are linear in the velocity coordinates, whose rates these are.
+            let places = (0..layout.dof()).map(|k| {
+                let mut unit = [0.0; appell_model::solve::MAX_DOF];
+                unit[k] = 1.0;
+                let (along, turn) = platform.twist(&unit);
+                let factor = velocity * along.x + yaw_rate * turn;
+                (Place::Rate(layout.velocity() + k), factor)
+            });
+            return Some(Column::Sum(places.collect()));
         }
         _ => {}
     }
@@ -659,10 +843,8 @@ fn find_column(name: &str, names: &Suffixes, platform: &Platform<f64>) -> Option
                 return wheel(WheelOutput::Torque);
             };
             let m = layout.motors.iter().position(|&m| m == i)?;
-            Some(Column::State {
-                index: layout.current() + m,
-                factor: motor.torque_per_current(),
-            })
+            let current = Place::State(layout.current() + m);
+            Some(Column::Sum(vec![(current, motor.torque_per_current())]))
         }
         "I" => wheel(WheelOutput::Current),
         "F_long" | "F_roller" => wheel(WheelOutput::Longitudinal),
@@ -671,16 +853,159 @@ fn find_column(name: &str, names: &Suffixes, platform: &Platform<f64>) -> Option
     }
 }
 
+/// The outputs of a pointwise vector, row by row.
+pub fn points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
+    match vector.model.as_str() {
+        "mecanum_kinematic" => mecanum_points(vector),
+        "normal_load" => load_points(vector),
+        "pioneer2dx_inverse" => inverse_points(vector),
+        other => Err(Refusal::Foreign(format!("model {other}"))),
+    }
+}
+
+/// Asks each row for values by name and gives the outputs by name.
+fn each_point(
+    vector: &Vector,
+    answer: &dyn Fn(&Given<'_>) -> Result<Named, Refusal>,
+) -> Result<Vec<Vec<f64>>, Refusal> {
+    let one = |row: &Vec<Value>| {
+        let given = |name: &str| {
+            let k = vector.input_columns.iter().position(|n| n == name);
+            k.and_then(|k| row.get(k).and_then(Value::as_f64))
+                .ok_or_else(|| wrong(format!("input {name}: a number is missing")))
+        };
+        let named = answer(&given)?;
+        vector
+            .output_columns
+            .iter()
+            .map(|name| {
+                let found = named.get(name.as_str()).copied();
+                found.ok_or_else(|| wrong(format!("column {name}: unknown")))
+            })
+            .collect()
+    };
+    vector.data.iter().map(one).collect()
+}
+
+/// Values of a point by name, those given and those answered.
+type Given<'a> = dyn Fn(&str) -> Result<f64, Refusal> + 'a;
+type Named = BTreeMap<String, f64>;
+
+fn mecanum_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
+    // Kinematics knows no masses: any body will do.
+    let mut massive = vector.clone();
+    for (key, value) in [("body_mass", 1.0), ("body_inertia_com", 1.0)] {
+        massive.params.insert(key.into(), value.into());
+    }
+    let (body, wheels, _, names) = listed_wheels(&massive)?;
+    let platform = Platform::new(body, wheels).map_err(|e| wrong(format!("{e:?}")))?;
+    let x = vec![0.0; platform.layout().state()];
+    each_point(vector, &|given| {
+        let twist = [given("V_x")?, given("V_y")?, given("omega")?];
+        let rates = platform.rates_from_twist(&x, twist);
+        let measured: Result<Vec<f64>, Refusal> = names
+            .iter()
+            .map(|name| given(&format!("meas_{name}")))
+            .collect();
+        let (fitted, residual) = platform.twist_from_rates(&x, &measured?);
+        let mut named = Named::new();
+        for (name, rate) in names.iter().zip(rates) {
+            named.insert(format!("phi_dot_{name}"), rate);
+        }
+        for (name, value) in ["V_x_ls", "V_y_ls", "omega_ls"].iter().zip(fitted) {
+            named.insert((*name).into(), value);
+        }
+        named.insert("residual_norm".into(), residual);
+        Ok(named)
+    })
+}
+
+fn load_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
+    let p = &vector.params;
+    let listed = p.get("wheels").and_then(Value::as_array);
+    let mut contacts = Vec::new();
+    for wheel in listed.ok_or_else(|| wrong("parameter wheels: a list is missing"))? {
+        let wheel = wheel
+            .as_object()
+            .ok_or_else(|| wrong("wheel: not a table"))?;
+        let place = vec2(number(wheel, "x")?, number(wheel, "y")?);
+        contacts.push((place, number_or(wheel, "stiffness", 1.0)));
+    }
+    let support = Support::new(&contacts).ok_or_else(|| wrong("wheels: carry no plane"))?;
+    let (mass, height) = (number(p, "mass")?, number(p, "com_height")?);
+    let center = vec2(number(p, "com_x")?, number(p, "com_y")?);
+    let gravity = number(p, "g")?;
+    each_point(vector, &|given| {
+        let ground = Ground::plane(gravity, given("slope")?, given("downhill_heading_body")?);
+        let needed = vec2(given("a_x")?, given("a_y")?) - ground.gravity;
+        let weight = mass * ground.gravity_normal;
+        let point = Support::zero_moment_point(weight, center, height, needed * mass);
+        let mut named: Named = support
+            .loads(weight, point)
+            .iter()
+            .take(contacts.len())
+            .enumerate()
+            .map(|(k, load)| (format!("N_{}", k + 1), *load))
+            .collect();
+        named.insert("zmp_x".into(), point.x);
+        named.insert("zmp_y".into(), point.y);
+        named.insert("tip_margin".into(), support.margin(point));
+        Ok(named)
+    })
+}
+
+fn inverse_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
+    let (body, wheels, _, _) = pioneer(vector)?;
+    let platform = Platform::new(body, wheels).map_err(|e| wrong(format!("{e:?}")))?;
+    let layout = platform.layout().clone();
+    let radius = platform.wheels()[0].radius;
+    let system = Rolling::new(platform, Ground::flat(9.81));
+    each_point(vector, &|given| {
+        let platform = system.platform();
+        let mut x = vec![0.0; layout.state()];
+        x[YAW] = given("beta")?;
+        platform.renew_angles(&mut x);
+        let along = |forward: f64, turn: f64| {
+            platform.velocity_from_twist(vec2(radius * forward, 0.0), turn, &[])
+        };
+        let v = along(given("alpha_d")?, given("beta_d")?);
+        let v_rate = along(given("alpha_dd")?, given("beta_dd")?);
+        let at = layout.velocity();
+        x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
+        let u = vec![0.0; layout.input()];
+        let twist = [radius * given("alpha_d")?, 0.0, given("beta_d")?];
+        let rates = platform.rates_from_twist(&x, twist);
+        let mode: Vec<f64> = rates.iter().map(|rate| rate.signum()).collect();
+        let demand = system.inverse(&x, &u, &mode, &v_rate);
+        let along = demand.longitudinal[0] + demand.longitudinal[1];
+        let across = demand.lateral[0] + demand.lateral[1];
+        let world = vec2(along, across).rotated(x[YAW + 1], x[YAW + 2]);
+        let named = [
+            ("M1", demand.torque[0]),
+            ("M2", demand.torque[1]),
+            ("lambda1", world.x),
+            ("lambda2", world.y),
+            ("T_o", along),
+            ("T_p", across),
+            ("T_A", appell_model::math::hypot(along, across)),
+            ("F_long_1", demand.longitudinal[0]),
+            ("F_long_2", demand.longitudinal[1]),
+        ];
+        Ok(named.map(|(name, value)| (name.to_owned(), value)).into())
+    })
+}
+
 /// Largest deviation of each column from the vector's data, with its tolerance and name.
 pub fn deviations(vector: &Vector, rows: &[Vec<f64>]) -> Vec<(String, f64, f64)> {
     let tolerance = vector
         .tolerance
         .expect("a trajectory vector has a tolerance");
     let names = vector.state_columns.iter().chain(&vector.output_columns);
+    let given = vector.input_columns.len();
     names
         .enumerate()
         .map(|(k, name)| {
-            let reference = |row: &Vec<Value>| row[k].as_f64().unwrap_or(f64::NAN);
+            let reference = |row: &Vec<Value>| row[given + k].as_f64().unwrap_or(f64::NAN);
             let mut error: f64 = 0.0;
             let mut largest: f64 = 0.0;
             for (row, data) in rows.iter().zip(&vector.data) {
@@ -704,7 +1029,10 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
     for (stem, text) in crate::json_files(folder)? {
         let parsed: Result<Vector, _> = serde_json::from_str(&text);
         let vector = match parsed {
-            Ok(vector) if vector.schema == "appell-vector/1" && vector.kind == "trajectory" => {
+            Ok(vector)
+                if vector.schema == "appell-vector/1"
+                    && ["trajectory", "pointwise"].contains(&vector.kind.as_str()) =>
+            {
                 vector
             }
             _ => {
@@ -720,7 +1048,12 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
             }
         };
         // A hundredth of the tightest tolerance in use (1e-9), so that the integration adds nothing.
-        match run::<f64>(&vector, Method::Adaptive(1e-12)) {
+        let rows = if vector.kind == "pointwise" {
+            points(&vector)
+        } else {
+            run::<f64>(&vector, Method::Adaptive(1e-12))
+        };
+        match rows {
             Ok(rows) => {
                 std::fs::write(out.join(format!("{stem}.csv")), csv(&vector, &rows))?;
                 let columns = if vector.data.len() == rows.len() {
@@ -752,20 +1085,27 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
     Ok(good)
 }
 
+/// Times or given values first, then what was computed.
 fn csv(vector: &Vector, rows: &[Vec<f64>]) -> String {
-    use std::fmt::Write;
-    let mut text = String::from("t");
-    for name in vector.state_columns.iter().chain(&vector.output_columns) {
-        text.push(',');
-        text.push_str(name);
-    }
-    text.push('\n');
-    for (t, row) in vector.t.iter().zip(rows) {
-        let _ = write!(text, "{t}");
-        for value in row {
-            let _ = write!(text, ",{value}");
-        }
-        text.push('\n');
+    let times = ["t".to_owned()];
+    let pointwise = vector.kind == "pointwise";
+    let first: &[String] = if pointwise {
+        &vector.input_columns
+    } else {
+        &times
+    };
+    let names = vector.state_columns.iter().chain(&vector.output_columns);
+    let head: Vec<&str> = first.iter().chain(names).map(String::as_str).collect();
+    let mut text = head.join(",") + "\n";
+    for (k, row) in rows.iter().enumerate() {
+        let given: Vec<f64> = if pointwise {
+            let values = vector.data[k].iter().take(first.len());
+            values.map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()
+        } else {
+            vec![vector.t[k]]
+        };
+        let cells: Vec<String> = given.iter().chain(row).map(f64::to_string).collect();
+        text += &(cells.join(",") + "\n");
     }
     text
 }

@@ -296,6 +296,7 @@ macro_rules! shapes {
             }
 
             /// The derivative, where the caller does not know the sizes.
+            #[inline(never)]
             pub(super) fn derivative(
                 &self,
                 rolling: &Rolling<T>,

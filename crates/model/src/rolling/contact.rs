@@ -2,21 +2,15 @@
 
 use super::{Forces, Rolling};
 use crate::planar::{Vec2, vec2};
-use crate::platform::{MAX_WHEELS, Platform, Reduced};
+use crate::platform::{MAX_WHEELS, Reduced};
 use crate::scalar::{Mask, Scalar};
-use crate::solve::{dot, invert, solve_semidefinite};
+use crate::solve::{Row, dot, solve_semidefinite};
+use crate::support::Support;
 use crate::wheel::Steering;
-
-/// Geometry of the contacts for normal loads.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Contacts<T> {
-    /// Inverse of the 3 × 3 matrix Σ (1, x, y)(1, x, y)ᵀ, about the base's origin.
-    inverse: [[T; 3]; 3],
-}
 
 impl<T: Scalar> Rolling<T> {
     /// Force of the ground on each wheel along its rolling direction (or roller axis) and along its
-    /// axle, N, and the accelerations it rests on. `[eq:multipliers]`
+    /// axle, N, at accelerations v̇. `[eq:multipliers]`
     #[inline(always)]
     pub(super) fn contact_forces(
         &self,
@@ -24,18 +18,18 @@ impl<T: Scalar> Rolling<T> {
         u: &[T],
         reduced: &Reduced<T>,
         forces: &Forces<T>,
+        v_rate: &Row<T>,
     ) -> ([T; MAX_WHEELS], [T; MAX_WHEELS]) {
         let layout = self.platform.layout();
         let n = layout.dof();
         let v = &x[layout.velocity()..layout.velocity() + n];
-        let v_rate = self.acceleration(x, reduced, forces);
         let sticking = (0..layout.wheels).any(|i| forces.actions[i].stuck.any());
         let held = if sticking {
             self.holding_torques(x, reduced, forces)
         } else {
             [T::zero(); MAX_WHEELS]
         };
-        let (linear, angular) = self.platform.twist(&v_rate);
+        let (linear, angular) = self.platform.twist(v_rate);
         let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
 
         let mut longitudinal = [T::zero(); MAX_WHEELS];
@@ -69,9 +63,9 @@ impl<T: Scalar> Rolling<T> {
             let convective = self
                 .platform
                 .convective(i, &frame, velocity, yaw_rate, steering_rate);
-            let steering_accel = dot(n, &swivel, &v_rate) + convective.swivel;
+            let steering_accel = dot(n, &swivel, v_rate) + convective.swivel;
             let spin = self.platform.spin_row(i, &frame);
-            let spin_accel = dot(n, &spin, &v_rate) + convective.spin;
+            let spin_accel = dot(n, &spin, v_rate) + convective.spin;
             // The wheel's mass: V + ωΩr − dγ̇n, of which `needed_at` holds the part without γ̇.
             let trail = wheel.trail();
             let swept = frame.left * (-(trail * steering_rate));
@@ -131,6 +125,38 @@ impl<T: Scalar> Rolling<T> {
         }
         (longitudinal, lateral)
     }
+
+    /// Normal loads, N, under these contact forces, and the tip-over margin, m; zeros where the
+    /// contacts carry no plane.
+    #[inline(always)]
+    pub(super) fn carry(
+        &self,
+        x: &[T],
+        longitudinal: &[T; MAX_WHEELS],
+        lateral: &[T; MAX_WHEELS],
+    ) -> ([T; MAX_WHEELS], T) {
+        let Some(support) = &self.support else {
+            return ([T::zero(); MAX_WHEELS], T::zero());
+        };
+        let body = self.platform.body();
+        let mut mass = body.mass;
+        let mut moment = body.center_of_mass * body.mass;
+        let mut height = body.com_height * body.mass;
+        let mut force = Vec2::zero();
+        for i in 0..self.platform.layout().wheels {
+            let wheel = &self.platform.wheels()[i];
+            let frame = self.platform.wheel_frame(i, x);
+            mass += wheel.mass;
+            moment = moment + frame.contact * wheel.mass;
+            height = wheel.mass.mul_add(wheel.radius, height);
+            let rolling = wheel.rolling_row(&frame);
+            force = force + rolling.direction * longitudinal[i] + frame.left * lateral[i];
+        }
+        let weight = mass * self.ground.gravity_normal;
+        let center = moment * (T::one() / mass);
+        let point = Support::zero_moment_point(weight, center, height / mass, force);
+        (support.loads(weight, point), support.margin(point))
+    }
 }
 
 /// Motion of the base and the gravity that it feels, base axes.
@@ -149,59 +175,5 @@ impl<T: Scalar> Motion<T> {
         let carried = self.velocity + r.perpendicular() * self.yaw_rate;
         self.linear + r.perpendicular() * self.angular + carried.perpendicular() * self.yaw_rate
             - self.gravity
-    }
-}
-
-impl<T: Scalar> Contacts<T> {
-    pub(super) fn new(platform: &Platform<T>) -> Option<Self> {
-        let mut sums = [[T::zero(); 3]; 3];
-        for wheel in platform.wheels() {
-            // A caster's contact moves by its trail; for the loads it stands under its pivot.
-            let row = [T::one(), wheel.mount.x, wheel.mount.y];
-            for a in 0..3 {
-                for b in 0..3 {
-                    sums[a][b] = row[a].mul_add(row[b], sums[a][b]);
-                }
-            }
-        }
-        let minor = sums[1][1] * sums[2][2] - sums[1][2] * sums[2][1];
-        // Contacts on one line carry no plane.
-        let size = sums[1][1].lane(0) + sums[2][2].lane(0);
-        let cross = [
-            sums[0][0] * minor,
-            sums[0][1] * (sums[0][1] * sums[2][2] - sums[1][2] * sums[0][2]),
-            sums[0][2] * (sums[0][1] * sums[1][2] - sums[1][1] * sums[0][2]),
-        ];
-        let determinant = (cross[0] - cross[1] + cross[2]).lane(0);
-        if determinant <= 1e-9 * size * size {
-            return None;
-        }
-        let mut padded = [[T::zero(); crate::solve::MAX_DOF]; crate::solve::MAX_DOF];
-        for a in 0..3 {
-            padded[a][..3].copy_from_slice(&sums[a]);
-        }
-        let full = invert(3, &padded);
-        let mut inverse = [[T::zero(); 3]; 3];
-        for a in 0..3 {
-            inverse[a].copy_from_slice(&full[a][..3]);
-        }
-        Some(Contacts { inverse })
-    }
-
-    /// Loads of equally compliant contacts for a total load and its moments Σ N x, Σ N y.
-    /// `[eq:normal-loads]`
-    #[inline(always)]
-    pub(super) fn loads(&self, platform: &Platform<T>, totals: [T; 3]) -> [T; MAX_WHEELS] {
-        let mut plane = [T::zero(); 3];
-        for a in 0..3 {
-            for b in 0..3 {
-                plane[a] = self.inverse[a][b].mul_add(totals[b], plane[a]);
-            }
-        }
-        let mut loads = [T::zero(); MAX_WHEELS];
-        for (i, wheel) in platform.wheels().iter().enumerate() {
-            loads[i] = plane[0] + plane[1].mul_add(wheel.mount.x, plane[2] * wheel.mount.y);
-        }
-        loads
     }
 }

@@ -79,6 +79,7 @@ impl Differential {
             viscous: self.viscous,
             pivot_viscous: 0.0,
             dry_friction: self.dry,
+            friction_rounding: 0.0,
             brake: self.brake,
             drive: self.drive,
         };

@@ -1,0 +1,197 @@
+//! Normal loads, zero-moment point and tip-over margin of a rigid body on point contacts.
+
+use crate::planar::Vec2;
+use crate::platform::MAX_WHEELS;
+use crate::scalar::Scalar;
+use crate::solve::{MAX_DOF, invert};
+
+/// Contacts that carry a body, base axes.
+///
+/// The load of each is k (p₀ + p₁ x + p₂ y): the share of equally compliant contacts where four or
+/// more leave it undetermined, and with three what equilibrium demands. A negative load means that
+/// the contact would have to pull.
+#[derive(Clone, Debug)]
+pub struct Support<T> {
+    points: Vec<Vec2<T>>,
+    stiffness: Vec<T>,
+    /// Inverse of the 3 × 3 matrix Σ k (1, x, y)(1, x, y)ᵀ, about the base's origin.
+    inverse: [[T; 3]; 3],
+    /// Corners of the support polygon, counter-clockwise, as indices.
+    corners: Vec<usize>,
+}
+
+impl<T: Scalar> Support<T> {
+    /// Contacts by place, m, and relative stiffness; `None` for fewer than three, for more than
+    /// [`MAX_WHEELS`], and for contacts on one line, which carry no plane.
+    pub fn new(contacts: &[(Vec2<T>, T)]) -> Option<Self> {
+        if contacts.len() < 3 || contacts.len() > MAX_WHEELS {
+            return None;
+        }
+        let mut sums = [[T::zero(); MAX_DOF]; MAX_DOF];
+        for (point, stiffness) in contacts {
+            let row = [T::one(), point.x, point.y];
+            for a in 0..3 {
+                for b in 0..3 {
+                    sums[a][b] = (*stiffness * row[a]).mul_add(row[b], sums[a][b]);
+                }
+            }
+        }
+        let points: Vec<Vec2<T>> = contacts.iter().map(|(point, _)| *point).collect();
+        let corners = hull(&points);
+        let nominal = |k: usize| [points[k].x.lane(0), points[k].y.lane(0)];
+        let (mut area, mut size) = (0.0, 0.0_f64);
+        for (k, &corner) in corners.iter().enumerate() {
+            let (p, q) = (nominal(corner), nominal(corners[(k + 1) % corners.len()]));
+            area += 0.5 * (p[0] * q[1] - p[1] * q[0]);
+            size = size.max((q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]));
+        }
+        if corners.len() < 3 || area <= 1e-6 * size {
+            return None;
+        }
+        let full = invert(3, &sums);
+        let mut inverse = [[T::zero(); 3]; 3];
+        for a in 0..3 {
+            inverse[a].copy_from_slice(&full[a][..3]);
+        }
+        Some(Support {
+            stiffness: contacts.iter().map(|(_, stiffness)| *stiffness).collect(),
+            points,
+            inverse,
+            corners,
+        })
+    }
+
+    /// Corners of the support polygon, counter-clockwise, m.
+    pub fn polygon(&self) -> Vec<Vec2<T>> {
+        self.corners.iter().map(|&k| self.points[k]).collect()
+    }
+
+    /// The zero-moment point, m, of a body of normal weight `weight`, N, with its center of mass at
+    /// `center`, m, and `height`, m, on which the ground acts with the tangential force `force`, N.
+    /// `[eq:zero-moment-point]`
+    #[inline(always)]
+    pub fn zero_moment_point(weight: T, center: Vec2<T>, height: T, force: Vec2<T>) -> Vec2<T> {
+        center - force * (height / weight)
+    }
+
+    /// Loads, N, whose sum is `weight`, N, and whose center is `point`, m. `[eq:normal-loads]`
+    #[inline(always)]
+    pub fn loads(&self, weight: T, point: Vec2<T>) -> [T; MAX_WHEELS] {
+        let totals = [weight, weight * point.x, weight * point.y];
+        let mut plane = [T::zero(); 3];
+        for a in 0..3 {
+            for b in 0..3 {
+                plane[a] = self.inverse[a][b].mul_add(totals[b], plane[a]);
+            }
+        }
+        let mut loads = [T::zero(); MAX_WHEELS];
+        for k in 0..self.points.len() {
+            let point = self.points[k];
+            let share = plane[0] + plane[1].mul_add(point.x, plane[2] * point.y);
+            loads[k] = self.stiffness[k] * share;
+        }
+        loads
+    }
+
+    /// Distance of a zero-moment point to the nearest edge of the support polygon, m; negative
+    /// outside, where the body tips over that edge. `[eq:tip-over]`
+    #[inline(always)]
+    pub fn margin(&self, point: Vec2<T>) -> T {
+        let mut margin = T::from(f64::MAX);
+        for k in 0..self.corners.len() {
+            let next = if k + 1 == self.corners.len() {
+                0
+            } else {
+                k + 1
+            };
+            let from = self.points[self.corners[k]];
+            let edge = self.points[self.corners[next]] - from;
+            margin = margin.min(edge.cross(point - from) / edge.dot(edge).sqrt());
+        }
+        margin
+    }
+}
+
+/// Corners of the convex hull, counter-clockwise, on nominal values (monotone chains).
+fn hull<T: Scalar>(points: &[Vec2<T>]) -> Vec<usize> {
+    let at = |k: usize| (points[k].x.lane(0), points[k].y.lane(0));
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&a, &b| {
+        let ((ax, ay), (bx, by)) = (at(a), at(b));
+        ax.total_cmp(&bx).then(ay.total_cmp(&by))
+    });
+    let left_turn = |a: usize, b: usize, c: usize| {
+        let ((ax, ay), (bx, by), (cx, cy)) = (at(a), at(b), at(c));
+        (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0.0
+    };
+    let mut corners: Vec<usize> = Vec::new();
+    for backwards in [false, true] {
+        let start = corners.len();
+        let mut push = |k: usize| {
+            while corners.len() >= start + 2
+                && !left_turn(corners[corners.len() - 2], corners[corners.len() - 1], k)
+            {
+                corners.pop();
+            }
+            corners.push(k);
+        };
+        if backwards {
+            order.iter().rev().for_each(|&k| push(k));
+        } else {
+            order.iter().for_each(|&k| push(k));
+        }
+        // The last corner of a chain is the first of the next.
+        corners.pop();
+    }
+    corners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planar::vec2;
+
+    fn square() -> Support<f64> {
+        let corner = |x, y| (vec2(x, y), 1.0);
+        Support::new(&[
+            corner(1.0, 1.0),
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(-1.0, 1.0),
+            // Inside the polygon: it carries, and is no corner.
+            corner(0.25, 0.0),
+        ])
+        .expect("a square")
+    }
+
+    #[test]
+    fn known_answer_margin_of_a_square() {
+        let support = square();
+        assert!((support.margin(vec2(0.5, -0.25)) - 0.5).abs() < 1e-15);
+        assert!((support.margin(vec2(1.25, 0.0)) + 0.25).abs() < 1e-15);
+    }
+
+    #[test]
+    fn invariant_loads_balance_the_zero_moment_point() {
+        let support = square();
+        let at = Support::zero_moment_point(50.0, vec2(0.1, -0.2), 0.3, vec2(20.0, -5.0));
+        let loads = support.loads(50.0, at);
+        let mut sums = [0.0; 3];
+        for (load, point) in loads.iter().zip(&support.points) {
+            sums[0] += load;
+            sums[1] += load * point.x;
+            sums[2] += load * point.y;
+        }
+        // Three sums of five terms of up to 50 N: a few units in the last place.
+        assert!((sums[0] - 50.0).abs() < 1e-13);
+        assert!((sums[1] - 50.0 * at.x).abs() < 1e-13);
+        assert!((sums[2] - 50.0 * at.y).abs() < 1e-13);
+    }
+
+    #[test]
+    fn refusal_of_contacts_on_a_line() {
+        let contact = |x: f64| (vec2(x, 2.0 * x), 1.0);
+        assert!(Support::<f64>::new(&[contact(0.0), contact(1.0), contact(3.0)]).is_none());
+        assert!(Support::<f64>::new(&[contact(0.0), contact(1.0)]).is_none());
+    }
+}
