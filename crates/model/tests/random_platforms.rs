@@ -1,6 +1,9 @@
 //! A thousand random platforms against the full equations: all velocities kept, wheels and fork masses
 //! one by one, constraints by multipliers. Nothing of the reduced equations is used on that side.
 
+// Components and coordinates are named by their indices.
+#![allow(clippy::needless_range_loop)]
+
 use appell_model::drive::Drive;
 use appell_model::dual::Dual;
 use appell_model::dynamics::Dynamics;
@@ -341,8 +344,8 @@ fn peer_full_equations_of_random_platforms() {
             Ok(platform) => {
                 mobile += 1;
                 let found = residuals(&platform, &mut random);
-                // m/s; m/s²; forces relative to the largest; power relative to its terms. Found: 1e-15,
-                // 6e-14, 6e-13 and 6e-14, rounding with some reserve for unlucky geometries.
+                // m/s; m/s²; forces relative to the largest; power relative to its terms. Found: 9e-15,
+                // 2e-14, 9e-13 and 2e-13; rounding, with some reserve for unlucky geometries.
                 for (k, bound) in [1e-13, 1e-11, 1e-10, 1e-11].into_iter().enumerate() {
                     worst[k] = worst[k].max(found[k]);
                     assert!(
