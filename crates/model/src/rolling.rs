@@ -4,11 +4,13 @@
 //! SᵀMS v̇ + ω G v + (terms of turning wheel planes) = SᵀF, with dry friction as a mode.
 //! Base frame of the robot for forces and rows, world frame for the pose.
 
+mod axle;
 mod compiled;
 mod contact;
 mod friction;
+mod inverse;
 
-use crate::drive::{Drive, Winding};
+use crate::drive::Drive;
 use crate::dynamics::{Dynamics, Sizes, Work};
 use crate::ground::Ground;
 use crate::planar::{Vec2, vec2};
@@ -16,14 +18,14 @@ use crate::platform::{
     BODY_OUTPUTS, MAX_WHEELS, Platform, Reduced, WHEEL_OUTPUTS, WheelOutput, YAW,
 };
 use crate::scalar::{Mask, Scalar};
-use crate::solve::{
-    Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, solve_semidefinite,
-    zero_row,
-};
+use crate::solve::{Condition, Mobility, Row, Square, dot, invert, product, zero_row};
 use crate::support::Support;
 use crate::wheel::{Wheel, WheelFrame};
 
+use axle::{Action, Axle, Supply};
 use compiled::Shape;
+
+pub use inverse::Demand;
 
 /// A platform on a ground, ready to be integrated.
 #[derive(Clone, Debug)]
@@ -41,187 +43,6 @@ pub struct Rolling<T: Scalar> {
     is_level: bool,
     /// The contacts that carry it, where three or more span a plane.
     support: Option<Support<T>>,
-}
-
-/// What turns and resists one wheel.
-#[derive(Clone, Debug)]
-struct Axle<T> {
-    supply: Supply<T>,
-    viscous: T,
-    dry_friction: T,
-    brake: T,
-    /// Whether there is dry friction or a brake that can hold the wheel.
-    rubs: bool,
-    /// Rate over which friction that cannot hold it is rounded off, rad/s.
-    rounding: Option<T>,
-}
-
-/// What gives an axle its torque.
-#[derive(Clone, Copy, Debug)]
-enum Supply<T> {
-    /// Nothing.
-    None,
-    /// A torque, N·m, within this limit.
-    Torque(T),
-    /// A motor whose current is the state of this index.
-    Motor(Winding<T>, usize),
-    /// A motor without inductance.
-    Resistor(Winding<T>),
-}
-
-/// What happens at one axle at an instant.
-#[derive(Clone, Copy, Debug)]
-struct Action<T: Scalar> {
-    /// Spin rate φ̇, rad/s; zero where the wheel sticks.
-    rate: T,
-    /// Torque of the drive at the axle, N·m.
-    torque: T,
-    /// Torque of viscous and kinetic dry friction, N·m.
-    lost: T,
-    /// Largest torque of dry friction, N·m.
-    bound: T,
-    /// Whether dry friction holds the wheel.
-    stuck: T::Mask,
-    /// Current, A, and its rate, A/s.
-    current: T,
-    current_rate: T,
-    /// Power: supplied, heat of the winding, heat of the gears, heat of friction, W.
-    supplied: T,
-    windings: T,
-    gears: T,
-    rubbed: T,
-}
-
-/// What a motion demands: the answer of inverse dynamics, per wheel.
-#[derive(Clone, Copy, Debug)]
-pub struct Demand<T> {
-    /// Torque of each drive at its axle, N·m.
-    pub torque: [T; MAX_WHEELS],
-    /// Torque of each steering motor, N·m.
-    pub steering: [T; MAX_WHEELS],
-    /// Force of the ground along the rolling direction or roller axis, N.
-    pub longitudinal: [T; MAX_WHEELS],
-    /// Force of the ground along the axle, N.
-    pub lateral: [T; MAX_WHEELS],
-    /// Normal load, N; zero where [`Rolling::support`] is `None`.
-    pub load: [T; MAX_WHEELS],
-    /// Tip-over margin, m.
-    pub tip_margin: T,
-    /// Largest generalised force that no drive can give; zero but for rounding where the motion can
-    /// be driven.
-    pub residual: T,
-}
-
-impl<T: Scalar> Axle<T> {
-    fn new(wheel: &Wheel<T>, current: Option<usize>) -> Self {
-        let rounded = wheel.friction_rounding.lane(0) > 0.0;
-        Axle {
-            supply: match &wheel.drive {
-                Drive::None | Drive::Rate { .. } => Supply::None,
-                Drive::Torque { torque_max } => Supply::Torque(*torque_max),
-                Drive::DcMotor(motor) => match current {
-                    Some(at) => Supply::Motor(motor.winding(), at),
-                    None => Supply::Resistor(motor.winding()),
-                },
-            },
-            viscous: wheel.viscous,
-            dry_friction: wheel.dry_friction,
-            brake: wheel.brake,
-            rubs: !rounded && (wheel.dry_friction.lane(0) > 0.0 || wheel.brake.lane(0) > 0.0),
-            rounding: rounded.then_some(wheel.friction_rounding),
-        }
-    }
-
-    /// Largest friction torque that holds or brakes the wheel, N·m, at a brake command in [0, 1].
-    #[inline(always)]
-    fn bound(&self, brake: T) -> T {
-        self.brake.mul_add(brake, self.dry_friction)
-    }
-
-    /// Whether a bound of dry friction holds the wheel in this mode.
-    #[inline(always)]
-    fn sticks(&self, mode: T, bound: T) -> T::Mask {
-        is_zero(mode).and(T::zero().less(bound))
-    }
-
-    /// What happens for a command, a brake command, a mode, a spin rate and a current.
-    #[inline(always)]
-    fn act(&self, command: T, brake: T, mode: T, rate: T, current: T) -> Action<T> {
-        let mut action = self.resist(brake, mode, rate);
-        match &self.supply {
-            Supply::None => {}
-            Supply::Torque(limit) => {
-                action.torque = command.max(-*limit).min(*limit);
-                action.supplied = action.torque * action.rate;
-            }
-            Supply::Motor(winding, _) => action.drive(winding, command, current),
-            Supply::Resistor(winding) => {
-                let emf = winding.emf * action.rate;
-                let voltage = winding.terminal_voltage(command, emf);
-                action.spend(winding, voltage, winding.steady_current(voltage, emf), emf);
-            }
-        }
-        action
-    }
-
-    /// Friction alone.
-    #[inline(always)]
-    fn resist(&self, brake: T, mode: T, rate: T) -> Action<T> {
-        let mut action = Action {
-            rate,
-            ..Action::none()
-        };
-        if self.rubs {
-            action.bound = self.bound(brake);
-            action.stuck = self.sticks(mode, action.bound);
-            action.rate = T::select(action.stuck, T::zero(), rate);
-            action.lost = action.bound * mode;
-        } else if let Some(rounding) = self.rounding {
-            action.lost = self.bound(brake) * (rate / rounding).tanh();
-        }
-        action.lost = self.viscous.mul_add(action.rate, action.lost);
-        action.rubbed = action.lost * action.rate;
-        action
-    }
-}
-
-impl<T: Scalar> Action<T> {
-    #[inline(always)]
-    fn none() -> Self {
-        let zero = T::zero();
-        Action {
-            rate: zero,
-            torque: zero,
-            lost: zero,
-            bound: zero,
-            stuck: T::Mask::splat(false),
-            current: zero,
-            current_rate: zero,
-            supplied: zero,
-            windings: zero,
-            gears: zero,
-            rubbed: zero,
-        }
-    }
-
-    /// A motor whose current is a state.
-    #[inline(always)]
-    fn drive(&mut self, winding: &Winding<T>, command: T, current: T) {
-        let emf = winding.emf * self.rate;
-        let voltage = winding.terminal_voltage(command, emf);
-        self.current_rate = winding.current_rate(voltage, current, emf);
-        self.spend(winding, voltage, current, emf);
-    }
-
-    /// Torque and powers of a motor at a current.
-    #[inline(always)]
-    fn spend(&mut self, winding: &Winding<T>, voltage: T, current: T, emf: T) {
-        self.current = current;
-        self.torque = winding.torque * current;
-        self.supplied = voltage * current;
-        self.windings = winding.resistance * current * current;
-        self.gears = emf.mul_add(current, -(self.torque * self.rate));
-    }
 }
 
 /// What acts on the platform at an instant.
@@ -354,97 +175,6 @@ impl<T: Scalar> Rolling<T> {
             self.add_turning(x, u, reduced, &mut forces);
         }
         forces
-    }
-
-    /// The torques that give the accelerations `v_rate`: inverse dynamics. `[eq:inverse-dynamics]`
-    ///
-    /// Of more drives than directions, the smallest torques that do it. What the motion needs of
-    /// windings and losses beside is in [`Demand`]; commands in `u` are not read, brake and external
-    /// wrench are.
-    pub fn inverse(&self, x: &[T], u: &[T], mode: &[T], v_rate: &[T]) -> Demand<T> {
-        let layout = self.platform.layout();
-        let n = layout.dof();
-        let mut u: Vec<T> = u.to_vec();
-        for command in &mut u[..layout.brake_input()] {
-            *command = T::zero();
-        }
-        let reduced = self.reduced(x);
-        let mut forces = self.forces(x, &u, mode, &reduced);
-        let mut wanted = zero_row();
-        wanted[..n].copy_from_slice(&v_rate[..n]);
-        let mut needed = product(n, &reduced.mass, &wanted);
-        for k in 0..n {
-            needed[k] -= forces.total[k];
-        }
-        let mut columns: Vec<Row<T>> = Vec::new();
-        let driven: Vec<usize> = (0..layout.wheels)
-            .filter(|&i| !matches!(self.axles[i].supply, Supply::None))
-            .collect();
-        for &i in &driven {
-            let torque = forces.actions[i].torque;
-            for k in 0..n {
-                needed[k] = reduced.spin[i][k].mul_add(torque, needed[k]);
-            }
-            columns.push(reduced.spin[i]);
-        }
-        for (k, &i) in layout.steered.iter().enumerate() {
-            let mut own = zero_row();
-            own[layout.eta + k] = T::one();
-            columns.push(own);
-            if self.platform.wheels()[i].is_plain() {
-                let frame = self.platform.wheel_frame(i, x);
-                columns.push(self.platform.lateral_row(&frame));
-            }
-        }
-        // Least norm: z = Cᵀ (C Cᵀ)⁻¹ needed.
-        let mut normal = [zero_row(); MAX_DOF];
-        for column in &columns {
-            add_outer(n, &mut normal, T::one(), column, column);
-        }
-        let mut trace = T::zero();
-        for k in 0..n {
-            trace += normal[k][k];
-        }
-        let z = solve_semidefinite(n, normal, needed, trace * T::from(1e-12));
-        let mut residual = needed;
-        let mut efforts = Vec::with_capacity(columns.len());
-        for column in &columns {
-            let effort = dot(n, column, &z);
-            for k in 0..n {
-                residual[k] = (-effort).mul_add(column[k], residual[k]);
-            }
-            efforts.push(effort);
-        }
-        let mut demand = Demand {
-            torque: [T::zero(); MAX_WHEELS],
-            steering: [T::zero(); MAX_WHEELS],
-            longitudinal: [T::zero(); MAX_WHEELS],
-            lateral: [T::zero(); MAX_WHEELS],
-            load: [T::zero(); MAX_WHEELS],
-            tip_margin: T::zero(),
-            residual: T::zero(),
-        };
-        for k in 0..n {
-            demand.residual = demand.residual.max(residual[k].abs());
-        }
-        for (&i, &effort) in driven.iter().zip(&efforts) {
-            demand.torque[i] = effort;
-            forces.actions[i].torque = effort;
-        }
-        let mut next = driven.len();
-        for &i in &layout.steered {
-            demand.steering[i] = efforts[next];
-            next += if self.platform.wheels()[i].is_plain() {
-                2
-            } else {
-                1
-            };
-        }
-        let (longitudinal, lateral) = self.contact_forces(x, &u, &reduced, &forces, &wanted);
-        (demand.load, demand.tip_margin) = self.carry(x, &longitudinal, &lateral);
-        demand.longitudinal = longitudinal;
-        demand.lateral = lateral;
-        demand
     }
 
     /// Terms of wheel planes that turn: inertia of swivelling wheels, pivot losses, steering motors.

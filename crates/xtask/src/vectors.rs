@@ -3,6 +3,9 @@
 //! No equation of motion stands here: a vector's parameters become a [`Platform`], its columns are
 //! looked up in the state and output vectors, and `appell-model` does the rest.
 
+mod points;
+mod signal;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -16,10 +19,12 @@ use appell_model::platform::{Body, Layout, Platform, WheelOutput, YAW};
 use appell_model::pose_error::PoseError;
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
-use appell_model::support::Support;
 use appell_model::wheel::{Rim, Steering, Wheel};
 use serde::Deserialize;
 use serde_json::{Map, Value};
+
+pub use points::points;
+pub use signal::Signal;
 
 /// A trajectory vector as its file gives it.
 #[derive(Clone, Debug, Deserialize)]
@@ -65,143 +70,6 @@ pub struct Tolerance {
     pub abs: f64,
     /// Part relative to the largest value of the column.
     pub rel: f64,
-}
-
-/// A signal of time.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case")]
-pub enum Signal {
-    /// c
-    Const {
-        /// Value.
-        value: f64,
-    },
-    /// c + A sin(ωt + p)
-    Sine {
-        /// Amplitude.
-        amplitude: f64,
-        /// Angular frequency, rad/s.
-        omega: f64,
-        /// Phase, rad.
-        #[serde(default)]
-        phase: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// ±A about the offset, + first.
-    Square {
-        /// Amplitude.
-        amplitude: f64,
-        /// Period, s.
-        period: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// Triangle about the offset, rising first.
-    Triangle {
-        /// Amplitude.
-        amplitude: f64,
-        /// Period, s.
-        period: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// Steps, right-continuous.
-    PiecewiseConst {
-        /// Times of the steps, s.
-        t: Vec<f64>,
-        /// Values from those times on.
-        v: Vec<f64>,
-    },
-    /// Straight lines between nodes, held outside.
-    PiecewiseLinear {
-        /// Times of the nodes, s.
-        t: Vec<f64>,
-        /// Values at the nodes.
-        v: Vec<f64>,
-    },
-    /// Σ c_k t^k
-    Poly {
-        /// Coefficients, constant first.
-        coef: Vec<f64>,
-    },
-    /// Sum of signals.
-    Sum {
-        /// Terms.
-        terms: Vec<Signal>,
-    },
-}
-
-impl Signal {
-    /// Value at time t, s.
-    pub fn at(&self, t: f64) -> f64 {
-        use std::f64::consts::{FRAC_2_PI, TAU};
-        match self {
-            Signal::Const { value } => *value,
-            Signal::Sine {
-                amplitude,
-                omega,
-                phase,
-                offset,
-            } => offset + amplitude * Scalar::sin_cos(omega * t + phase).0,
-            Signal::Square {
-                amplitude,
-                period,
-                offset,
-            } => {
-                let cycles = t / period;
-                let first = cycles - cycles.floor() < 0.5;
-                offset + if first { *amplitude } else { -amplitude }
-            }
-            Signal::Triangle {
-                amplitude,
-                period,
-                offset,
-            } => {
-                let sine = Scalar::sin_cos(TAU * t / period).0;
-                let cosine = (1.0 - sine * sine).max(0.0).sqrt();
-                offset + amplitude * FRAC_2_PI * Scalar::atan2(sine, cosine)
-            }
-            Signal::PiecewiseConst { t: times, v } => {
-                let index = times.partition_point(|&at| at <= t).max(1) - 1;
-                v[index]
-            }
-            Signal::PiecewiseLinear { t: times, v } => {
-                let next = times.partition_point(|&at| at <= t);
-                if next == 0 {
-                    v[0]
-                } else if next == times.len() {
-                    v[next - 1]
-                } else {
-                    let share = (t - times[next - 1]) / (times[next] - times[next - 1]);
-                    v[next - 1] + share * (v[next] - v[next - 1])
-                }
-            }
-            Signal::Poly { coef } => coef.iter().rev().fold(0.0, |sum, c| sum * t + c),
-            Signal::Sum { terms } => terms.iter().map(|term| term.at(t)).sum(),
-        }
-    }
-
-    /// Times up to `end` at which the signal jumps or kinks.
-    fn breaks(&self, end: f64, times: &mut Vec<f64>) {
-        match self {
-            Signal::Const { .. } | Signal::Sine { .. } | Signal::Poly { .. } => {}
-            Signal::Square { period, .. } => grid(0.5 * period, 0.0, end, times),
-            Signal::Triangle { period, .. } => grid(0.5 * period, 0.25 * period, end, times),
-            Signal::PiecewiseConst { t, .. } | Signal::PiecewiseLinear { t, .. } => {
-                times.extend_from_slice(t)
-            }
-            Signal::Sum { terms } => terms.iter().for_each(|term| term.breaks(end, times)),
-        }
-    }
-}
-
-fn grid(period: f64, first: f64, end: f64, times: &mut Vec<f64>) {
-    let count = ((end - first) / period).floor().max(0.0) as usize;
-    times.extend((0..=count.min(1_000_000)).map(|k| first + k as f64 * period));
 }
 
 /// How to integrate.
@@ -851,148 +719,6 @@ fn find_column(name: &str, names: &Suffixes, platform: &Platform<f64>) -> Option
         "F_lat" => wheel(WheelOutput::Lateral),
         _ => None,
     }
-}
-
-/// The outputs of a pointwise vector, row by row.
-pub fn points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
-    match vector.model.as_str() {
-        "mecanum_kinematic" => mecanum_points(vector),
-        "normal_load" => load_points(vector),
-        "pioneer2dx_inverse" => inverse_points(vector),
-        other => Err(Refusal::Foreign(format!("model {other}"))),
-    }
-}
-
-/// Asks each row for values by name and gives the outputs by name.
-fn each_point(
-    vector: &Vector,
-    answer: &dyn Fn(&Given<'_>) -> Result<Named, Refusal>,
-) -> Result<Vec<Vec<f64>>, Refusal> {
-    let one = |row: &Vec<Value>| {
-        let given = |name: &str| {
-            let k = vector.input_columns.iter().position(|n| n == name);
-            k.and_then(|k| row.get(k).and_then(Value::as_f64))
-                .ok_or_else(|| wrong(format!("input {name}: a number is missing")))
-        };
-        let named = answer(&given)?;
-        vector
-            .output_columns
-            .iter()
-            .map(|name| {
-                let found = named.get(name.as_str()).copied();
-                found.ok_or_else(|| wrong(format!("column {name}: unknown")))
-            })
-            .collect()
-    };
-    vector.data.iter().map(one).collect()
-}
-
-/// Values of a point by name, those given and those answered.
-type Given<'a> = dyn Fn(&str) -> Result<f64, Refusal> + 'a;
-type Named = BTreeMap<String, f64>;
-
-fn mecanum_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
-    // Kinematics knows no masses: any body will do.
-    let mut massive = vector.clone();
-    for (key, value) in [("body_mass", 1.0), ("body_inertia_com", 1.0)] {
-        massive.params.insert(key.into(), value.into());
-    }
-    let (body, wheels, _, names) = listed_wheels(&massive)?;
-    let platform = Platform::new(body, wheels).map_err(|e| wrong(format!("{e:?}")))?;
-    let x = vec![0.0; platform.layout().state()];
-    each_point(vector, &|given| {
-        let twist = [given("V_x")?, given("V_y")?, given("omega")?];
-        let rates = platform.rates_from_twist(&x, twist);
-        let measured: Result<Vec<f64>, Refusal> = names
-            .iter()
-            .map(|name| given(&format!("meas_{name}")))
-            .collect();
-        let (fitted, residual) = platform.twist_from_rates(&x, &measured?);
-        let mut named = Named::new();
-        for (name, rate) in names.iter().zip(rates) {
-            named.insert(format!("phi_dot_{name}"), rate);
-        }
-        for (name, value) in ["V_x_ls", "V_y_ls", "omega_ls"].iter().zip(fitted) {
-            named.insert((*name).into(), value);
-        }
-        named.insert("residual_norm".into(), residual);
-        Ok(named)
-    })
-}
-
-fn load_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
-    let p = &vector.params;
-    let listed = p.get("wheels").and_then(Value::as_array);
-    let mut contacts = Vec::new();
-    for wheel in listed.ok_or_else(|| wrong("parameter wheels: a list is missing"))? {
-        let wheel = wheel
-            .as_object()
-            .ok_or_else(|| wrong("wheel: not a table"))?;
-        let place = vec2(number(wheel, "x")?, number(wheel, "y")?);
-        contacts.push((place, number_or(wheel, "stiffness", 1.0)));
-    }
-    let support = Support::new(&contacts).ok_or_else(|| wrong("wheels: carry no plane"))?;
-    let (mass, height) = (number(p, "mass")?, number(p, "com_height")?);
-    let center = vec2(number(p, "com_x")?, number(p, "com_y")?);
-    let gravity = number(p, "g")?;
-    each_point(vector, &|given| {
-        let ground = Ground::plane(gravity, given("slope")?, given("downhill_heading_body")?);
-        let needed = vec2(given("a_x")?, given("a_y")?) - ground.gravity;
-        let weight = mass * ground.gravity_normal;
-        let point = Support::zero_moment_point(weight, center, height, needed * mass);
-        let mut named: Named = support
-            .loads(weight, point)
-            .iter()
-            .take(contacts.len())
-            .enumerate()
-            .map(|(k, load)| (format!("N_{}", k + 1), *load))
-            .collect();
-        named.insert("zmp_x".into(), point.x);
-        named.insert("zmp_y".into(), point.y);
-        named.insert("tip_margin".into(), support.margin(point));
-        Ok(named)
-    })
-}
-
-fn inverse_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
-    let (body, wheels, _, _) = pioneer(vector)?;
-    let platform = Platform::new(body, wheels).map_err(|e| wrong(format!("{e:?}")))?;
-    let layout = platform.layout().clone();
-    let radius = platform.wheels()[0].radius;
-    let system = Rolling::new(platform, Ground::flat(9.81));
-    each_point(vector, &|given| {
-        let platform = system.platform();
-        let mut x = vec![0.0; layout.state()];
-        x[YAW] = given("beta")?;
-        platform.renew_angles(&mut x);
-        let along = |forward: f64, turn: f64| {
-            platform.velocity_from_twist(vec2(radius * forward, 0.0), turn, &[])
-        };
-        let v = along(given("alpha_d")?, given("beta_d")?);
-        let v_rate = along(given("alpha_dd")?, given("beta_dd")?);
-        let at = layout.velocity();
-        x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
-        let u = vec![0.0; layout.input()];
-        let twist = [radius * given("alpha_d")?, 0.0, given("beta_d")?];
-        let rates = platform.rates_from_twist(&x, twist);
-        let mode: Vec<f64> = rates.iter().map(|rate| rate.signum()).collect();
-        let demand = system.inverse(&x, &u, &mode, &v_rate);
-        let along = demand.longitudinal[0] + demand.longitudinal[1];
-        let across = demand.lateral[0] + demand.lateral[1];
-        let world = vec2(along, across).rotated(x[YAW + 1], x[YAW + 2]);
-        let named = [
-            ("M1", demand.torque[0]),
-            ("M2", demand.torque[1]),
-            ("lambda1", world.x),
-            ("lambda2", world.y),
-            ("T_o", along),
-            ("T_p", across),
-            ("T_A", appell_model::math::hypot(along, across)),
-            ("F_long_1", demand.longitudinal[0]),
-            ("F_long_2", demand.longitudinal[1]),
-        ];
-        Ok(named.map(|(name, value)| (name.to_owned(), value)).into())
-    })
 }
 
 /// Largest deviation of each column from the vector's data, with its tolerance and name.

@@ -1,7 +1,8 @@
 //! Platforms of constant geometry, multiplied out, with sizes that the compiler knows: no loop of a
 //! step is left to run time. `[eq:constant-geometry]`
 
-use super::{Axle, Rolling, Supply, is_zero};
+use super::axle::{Axle, Supply};
+use super::{Rolling, is_zero};
 use crate::drive::Winding;
 use crate::dynamics::{Dynamics, Sizes, Work};
 use crate::planar::{Vec2, vec2};

@@ -1,0 +1,360 @@
+//! An exponential method for motors: stable for any winding.
+
+use super::{Aligned, Step, multiply};
+use crate::dynamics::{Dynamics, Input, Work};
+use crate::scalar::{Mask, Scalar};
+
+/// An exponential midpoint method of order 2 (ETD2): the linear part of the stiff states is exact,
+/// the rest is taken at the middle of the step; states that only follow are summed by Gauss's rule
+/// with three nodes. `[eq:etd]`
+#[derive(Clone, Debug)]
+pub struct Exponential<T: Scalar> {
+    size: usize,
+    /// The states of the linear part.
+    range: core::ops::Range<usize>,
+    step: f64,
+    /// Which modes the matrices were made for.
+    signature: Vec<T>,
+    linear: Vec<T>,
+    /// To the first, middle and last node of the quadrature, and to the end of the step.
+    propagators: [Propagator<T>; 4],
+    slopes: [Vec<T>; 4],
+    stage: Vec<T>,
+    start: Vec<T>,
+    rest: Vec<T>,
+    input: Vec<T>,
+    scratch: [Vec<T>; 3],
+}
+
+/// e^{Ah} and ∫₀ʰ e^{As} ds, row-major.
+#[derive(Clone, Debug)]
+struct Propagator<T> {
+    exponential: Vec<T>,
+    integral: Vec<T>,
+}
+
+/// Shares of the step at Gauss's three nodes, (1 ± √(3/5))/2 and ½, and at its end.
+const SHARES: [f64; 4] = [0.112_701_665_379_258_3, 0.5, 0.887_298_334_620_741_7, 1.0];
+const MIDDLE: usize = 1;
+const END: usize = 3;
+
+impl<T: Scalar> Exponential<T> {
+    /// Order of the method.
+    pub const ORDER: u32 = 2;
+
+    /// Prepares steps of `step` seconds; `None` if the system has no constant linear part.
+    pub fn new<S: Dynamics<T>>(system: &S, step: f64) -> Option<Self> {
+        let sizes = system.sizes();
+        let mut linear = vec![T::zero(); sizes.state * sizes.state];
+        let free = vec![T::one(); sizes.mode];
+        let range = system.linear_part(&free, &mut linear)?;
+        let size = range.len();
+        let square = || vec![T::zero(); size * size];
+        let propagator = || Propagator {
+            exponential: square(),
+            integral: square(),
+        };
+        let states = || vec![T::zero(); sizes.state];
+        let mut method = Exponential {
+            size,
+            range,
+            step,
+            signature: vec![T::one(); sizes.mode],
+            linear,
+            propagators: core::array::from_fn(|_| propagator()),
+            slopes: core::array::from_fn(|_| states()),
+            stage: states(),
+            start: states(),
+            rest: vec![T::zero(); size],
+            input: vec![T::zero(); sizes.input],
+            scratch: [square(), square(), square()],
+        };
+        method.prepare(system, &free, step);
+        Some(method)
+    }
+
+    /// Remakes the matrices if a wheel began or ceased to stick, or the step changed.
+    #[inline(always)]
+    fn renew<S: Dynamics<T>>(&mut self, system: &S, mode: &[T], dt: f64) {
+        let mut changed = T::Mask::splat(dt != self.step);
+        for k in 0..mode.len() {
+            // Only rest matters for the linear part, not the sense of motion.
+            let moved = (mode[k].abs() - self.signature[k].abs()).abs();
+            changed = changed.or(T::zero().less(moved));
+        }
+        if changed.any() {
+            self.prepare(system, mode, dt);
+        }
+    }
+
+    #[inline(never)]
+    fn prepare<S: Dynamics<T>>(&mut self, system: &S, mode: &[T], dt: f64) {
+        self.step = dt;
+        self.signature.copy_from_slice(mode);
+        system.linear_part(mode, &mut self.linear);
+        let size = self.size;
+        for (propagator, share) in self.propagators.iter_mut().zip(SHARES) {
+            propagate(
+                size,
+                &self.linear,
+                share * dt,
+                propagator,
+                &mut self.scratch,
+            );
+        }
+    }
+}
+
+impl<T: Scalar, I: Input<T>> Work<T> for Step<'_, T, Exponential<T>, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
+        self.input.at(self.t, &mut self.method.input);
+        system.decide(self.x, &self.method.input, self.mode);
+        self.method.renew(system, self.mode, self.dt);
+        let Exponential {
+            size,
+            range,
+            linear,
+            propagators,
+            slopes,
+            stage,
+            start,
+            rest,
+            input: u,
+            ..
+        } = self.method;
+        let matrices = (&linear[..], &*propagators);
+        if N == 0 {
+            let n = self.x.len();
+            let [first, middle, early, late] = slopes;
+            let buffers = Buffers {
+                slopes: [
+                    &mut first[..n],
+                    &mut middle[..n],
+                    &mut early[..n],
+                    &mut late[..n],
+                ],
+                stage: &mut stage[..n],
+                start: &mut start[..*size],
+                rest: &mut rest[..*size],
+            };
+            nodes(
+                system,
+                self.input,
+                self.t,
+                self.dt,
+                range.start,
+                matrices,
+                u,
+                self.x,
+                self.mode,
+                buffers,
+            );
+        } else {
+            let [mut x, mut stage] = [Aligned([T::zero(); N]); 2];
+            for k in 0..N {
+                x.0[k] = self.x[k];
+            }
+            let [mut first, mut middle, mut early, mut late] = [Aligned([T::zero(); N]); 4];
+            let [mut start, mut rest] = [Aligned([T::zero(); Z]); 2];
+            let buffers = Buffers {
+                slopes: [&mut first.0, &mut middle.0, &mut early.0, &mut late.0],
+                stage: &mut stage.0,
+                start: &mut start.0,
+                rest: &mut rest.0,
+            };
+            nodes(
+                system,
+                self.input,
+                self.t,
+                self.dt,
+                S::STIFF,
+                matrices,
+                u,
+                &mut x.0,
+                self.mode,
+                buffers,
+            );
+            for k in 0..N {
+                self.x[k] = x.0[k];
+            }
+        }
+        system.settle(self.x, u, self.mode);
+    }
+}
+
+/// Room for a step: slopes at its start and at the three nodes (middle, first, last), a stage,
+/// and the stiff states at the start with what is not linear in their rates.
+struct Buffers<'a, T> {
+    slopes: [&'a mut [T]; 4],
+    stage: &'a mut [T],
+    start: &'a mut [T],
+    rest: &'a mut [T],
+}
+
+/// `from` is the index of the first stiff state.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
+    system: &S,
+    input: &I,
+    t: f64,
+    dt: f64,
+    from: usize,
+    (linear, propagators): (&[T], &[Propagator<T>; 4]),
+    u: &mut [T],
+    x: &mut [T],
+    mode: &[T],
+    buffers: Buffers<'_, T>,
+) {
+    let Buffers {
+        slopes: [first, middle, early, late],
+        stage,
+        start,
+        rest,
+    } = buffers;
+    let (n, size) = (x.len(), start.len());
+    for k in 0..size {
+        start[k] = x[from + k];
+    }
+    system.derivative(x, u, mode, first);
+    remainder(linear, start, &first[from..from + size], rest);
+
+    // The middle of the step, which gives what is not linear.
+    let half = T::from(0.5 * dt);
+    for k in 0..n {
+        stage[k] = half.mul_add(first[k], x[k]);
+    }
+    propagators[MIDDLE].apply(start, rest, &mut stage[from..from + size]);
+    system.straighten(stage);
+    if !I::HELD {
+        input.at(t + 0.5 * dt, u);
+    }
+    system.derivative(stage, u, mode, middle);
+    remainder(
+        linear,
+        &stage[from..from + size],
+        &middle[from..from + size],
+        rest,
+    );
+
+    // The outer nodes of the quadrature.
+    const OUTER: [usize; 2] = [0, 2];
+    for side in 0..2 {
+        let share = SHARES[OUTER[side]];
+        let before = T::from(share * dt * (1.0 - share));
+        let after = T::from(share * dt * share);
+        for k in 0..n {
+            let moved = before.mul_add(first[k], x[k]);
+            stage[k] = after.mul_add(middle[k], moved);
+        }
+        propagators[OUTER[side]].apply(start, rest, &mut stage[from..from + size]);
+        system.straighten(stage);
+        if !I::HELD {
+            input.at(t + share * dt, u);
+        }
+        if side == 0 {
+            system.derivative(stage, u, mode, early);
+        } else {
+            system.derivative(stage, u, mode, late);
+        }
+    }
+    let (outer, inner) = (T::from(dt * (5.0 / 18.0)), T::from(dt * (8.0 / 18.0)));
+    for k in 0..n {
+        let sum = inner.mul_add(middle[k], x[k]);
+        x[k] = outer.mul_add(early[k] + late[k], sum);
+    }
+    propagators[END].apply(start, rest, &mut x[from..from + size]);
+}
+
+impl<T: Scalar> Propagator<T> {
+    /// z ← e^{Ah} z₀ + (∫ e^{As} ds) N.
+    #[inline(always)]
+    fn apply(&self, start: &[T], rest: &[T], z: &mut [T]) {
+        // Index loops: iterators are functions of their own and keep the step's instruction set out.
+        let size = start.len();
+        let rest = &rest[..size];
+        for i in 0..size {
+            let exponential = &self.exponential[i * size..(i + 1) * size];
+            let integral = &self.integral[i * size..(i + 1) * size];
+            let (mut free, mut forced) = (T::zero(), T::zero());
+            for k in 0..size {
+                free = exponential[k].mul_add(start[k], free);
+                forced = integral[k].mul_add(rest[k], forced);
+            }
+            z[i] = free + forced;
+        }
+    }
+}
+
+/// N = ż − A z.
+#[inline(always)]
+fn remainder<T: Scalar>(linear: &[T], z: &[T], rate: &[T], rest: &mut [T]) {
+    let size = z.len();
+    for i in 0..size {
+        let row = &linear[i * size..(i + 1) * size];
+        let mut sum = rate[i];
+        for k in 0..size {
+            sum = (-row[k]).mul_add(z[k], sum);
+        }
+        rest[i] = sum;
+    }
+}
+
+/// e^{At} and its integral, by scaling (to ‖At‖ ≤ ½), Taylor's series and doubling.
+fn propagate<T: Scalar>(
+    size: usize,
+    linear: &[T],
+    time: f64,
+    result: &mut Propagator<T>,
+    scratch: &mut [Vec<T>; 3],
+) {
+    // At ‖At‖ ≤ ½ the 15th term is below 2⁻¹⁵/15! ≈ 2e-17.
+    const TERMS: usize = 15;
+    let norm = (0..T::LANES)
+        .flat_map(|lane| (0..size).map(move |i| (lane, i)))
+        .map(|(lane, i)| -> f64 {
+            (0..size)
+                .map(|k| linear[i * size + k].lane(lane).abs())
+                .sum()
+        })
+        .fold(0.0, f64::max);
+    let mut doublings = 0;
+    let mut short = time;
+    while norm * short > 0.5 && doublings < 60 {
+        short *= 0.5;
+        doublings += 1;
+    }
+    let [power, next, _] = scratch;
+    let (exponential, integral) = (&mut result.exponential, &mut result.integral);
+    let h = T::from(short);
+    for i in 0..size {
+        for k in 0..size {
+            let unit = if i == k { T::one() } else { T::zero() };
+            power[i * size + k] = unit;
+            exponential[i * size + k] = unit;
+            integral[i * size + k] = unit * h;
+        }
+    }
+    for term in 1..=TERMS {
+        multiply(size, power, linear, next);
+        let factor = h * T::from(1.0 / term as f64);
+        let spread = h * T::from(1.0 / (term + 1) as f64);
+        for k in 0..size * size {
+            power[k] = next[k] * factor;
+            exponential[k] += power[k];
+            integral[k] = power[k].mul_add(spread, integral[k]);
+        }
+    }
+    for _ in 0..doublings {
+        // ∫₀²ʰ = ∫₀ʰ + e^{Ah} ∫₀ʰ.
+        multiply(size, exponential, integral, next);
+        for k in 0..size * size {
+            integral[k] += next[k];
+        }
+        multiply(size, exponential, exponential, next);
+        exponential.copy_from_slice(&next[..size * size]);
+    }
+}

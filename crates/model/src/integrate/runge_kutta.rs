@@ -1,0 +1,108 @@
+//! The classical Runge–Kutta method at a fixed step.
+
+use super::{Aligned, Step};
+use crate::dynamics::{Dynamics, Input, Work};
+use crate::scalar::Scalar;
+
+/// The classical Runge–Kutta method of order 4.
+#[derive(Clone, Debug)]
+pub struct RungeKutta4<T> {
+    slope: Vec<T>,
+    sum: Vec<T>,
+    stage: Vec<T>,
+    input: Vec<T>,
+}
+
+impl<T: Scalar> RungeKutta4<T> {
+    /// Order of the method.
+    pub const ORDER: u32 = 4;
+    /// Largest |h λ| on the negative real axis for which the method is stable.
+    pub const STABLE: f64 = 2.785;
+
+    /// Makes room for a system of this many states and inputs.
+    pub fn new(states: usize, inputs: usize) -> Self {
+        RungeKutta4 {
+            slope: vec![T::zero(); states],
+            sum: vec![T::zero(); states],
+            stage: vec![T::zero(); states],
+            input: vec![T::zero(); inputs],
+        }
+    }
+}
+
+impl<T: Scalar, I: Input<T>> Work<T> for Step<'_, T, RungeKutta4<T>, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
+        self.input.at(self.t, &mut self.method.input);
+        system.decide(self.x, &self.method.input, self.mode);
+        if N == 0 {
+            let n = self.x.len();
+            let RungeKutta4 {
+                slope,
+                sum,
+                stage,
+                input,
+            } = self.method;
+            let buffers = [&mut slope[..n], &mut sum[..n], &mut stage[..n]];
+            stages(
+                system, self.input, self.t, self.dt, input, self.x, self.mode, buffers,
+            );
+        } else {
+            // Arrays of known length need no memory but registers.
+            let [mut x, mut slope, mut sum, mut stage] = [Aligned([T::zero(); N]); 4];
+            for k in 0..N {
+                x.0[k] = self.x[k];
+            }
+            let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
+            let input = &mut self.method.input;
+            stages(
+                system, self.input, self.t, self.dt, input, &mut x.0, self.mode, buffers,
+            );
+            for k in 0..N {
+                self.x[k] = x.0[k];
+            }
+        }
+        system.settle(self.x, &self.method.input, self.mode);
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn stages<T: Scalar, S: Dynamics<T>, I: Input<T>>(
+    system: &S,
+    input: &I,
+    t: f64,
+    dt: f64,
+    u: &mut [T],
+    x: &mut [T],
+    mode: &[T],
+    [slope, sum, stage]: [&mut [T]; 3],
+) {
+    const AHEAD: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
+    const WEIGHT: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
+    let n = x.len();
+    system.derivative(x, u, mode, slope);
+    let weight = T::from(WEIGHT[0] * dt);
+    for k in 0..n {
+        sum[k] = weight * slope[k];
+    }
+    for i in 1..4 {
+        if !I::HELD {
+            input.at(t + AHEAD[i] * dt, u);
+        }
+        let ahead = T::from(AHEAD[i] * dt);
+        for k in 0..n {
+            stage[k] = ahead.mul_add(slope[k], x[k]);
+        }
+        system.derivative(stage, u, mode, slope);
+        let weight = T::from(WEIGHT[i] * dt);
+        for k in 0..n {
+            sum[k] = weight.mul_add(slope[k], sum[k]);
+        }
+    }
+    for k in 0..n {
+        x[k] += sum[k];
+    }
+}
