@@ -269,7 +269,7 @@ impl Equations {
         let row = |values: &[f64]| -> String {
             values
                 .iter()
-                .map(|value| format!("{value:>12.6}"))
+                .map(|value| format!("{:>12}", rounded(*value)))
                 .collect()
         };
         let mut out =
@@ -278,13 +278,13 @@ impl Equations {
         for (name, matrix) in [("M", &self.mass), ("G", &self.gyro)] {
             for (k, values) in matrix.iter().enumerate() {
                 let name = if k == 0 { name } else { "" };
-                out += &format!("    {name:12}{}\n", row(values));
+                out += &format!("    {name:16}{}\n", row(values));
             }
         }
         for (name, driven, values) in &self.wheels {
             let role = if *driven { "driven" } else { "free" };
             let label = format!("s {name}");
-            out += &format!("    {label:12}{}  {role}\n", row(values));
+            out += &format!("    {label:16}{}  {role}\n", row(values));
         }
         out
     }

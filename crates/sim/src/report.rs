@@ -380,7 +380,21 @@ fn robot_plots(
     if has("command.forward") {
         speed.push(line("command.forward", "command", "command"));
     }
-    plot("speed", "m/s", speed, json!({}));
+    // Only wheels with rollers, or steered ones, let a robot move sideways; 5 mm/s is drawn.
+    let moves_left = |values: &[f64]| values.iter().any(|value| value.abs() > 0.005);
+    if recording
+        .column(&format!("{base}.twist.left"))
+        .is_some_and(moves_left)
+    {
+        plot("speed forward", "m/s", speed, json!({}));
+        let mut sideways = vec![line("twist.left", "robot", "main")];
+        if has("command.left") {
+            sideways.push(line("command.left", "command", "command"));
+        }
+        plot("speed to the left", "m/s", sideways, json!({}));
+    } else {
+        plot("speed", "m/s", speed, json!({}));
+    }
     let mut turning = vec![line("twist.yaw_rate", "robot", "main")];
     if has("command.yaw_rate") {
         turning.push(line("command.yaw_rate", "command", "command"));
