@@ -180,6 +180,41 @@ fn invariant_debug_and_release_record_the_same_bytes() {
     std::fs::remove_dir_all(&folder).expect("removed");
 }
 
+/// Every scenario of the repository runs: those with a task pass it, the others go to their end.
+#[test]
+fn invariant_shipped_scenarios_pass() {
+    let folder = scratch("shipped");
+    let mut passed = 0;
+    for entry in std::fs::read_dir(root().join("scenarios")).expect("shipped") {
+        let path = entry.expect("listed").path();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            continue;
+        }
+        let output = appell()
+            .args(["run", "--json", "--no-report", "--no-recording", "--out"])
+            .arg(&folder)
+            .arg(&path)
+            .output()
+            .expect("runs");
+        let name = path.display();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{name}: {text}");
+        let summary: serde_json::Value =
+            serde_json::from_slice(&output.stdout).expect("JSON on standard output");
+        for robot in summary["robots"].as_array().expect("robots") {
+            let expected = if robot["task"] == "none" {
+                "stopped"
+            } else {
+                "passed"
+            };
+            assert_eq!(robot["verdict"], expected, "{name}: {robot}");
+            passed += usize::from(expected == "passed");
+        }
+    }
+    assert!(passed >= 14, "{passed} tasks are passed");
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
 /// What a command cannot do with its words is refused with the rule, and exit code 2.
 #[test]
 fn refusal_of_words() {
