@@ -106,9 +106,14 @@ fn from_task(loaded: &Loaded, robot: &Robot) -> Result<Vec<Motion>, String> {
 fn from_file(file: &Path, options: &InverseOptions, robot: &Robot) -> Result<Vec<Motion>, String> {
     let named = |problem: String| format!("{}: {problem}", file.display());
     let prefix = format!("robot.{}.pose", robot.name);
-    let recorded = Recording::read(file)
-        .ok()
-        .filter(|recording| recording.column(&format!("{prefix}.x")).is_some());
+    let is_table = file.extension().is_some_and(|extension| extension == "csv");
+    let recorded = match Recording::read(file) {
+        Ok(recording) if recording.column(&format!("{prefix}.x")).is_some() => Some(recording),
+        Ok(_) if !is_table => return Err(named(format!("must hold the signal {prefix}.x"))),
+        Err(error) if !is_table => return Err(error.to_string()),
+        // A CSV that is no recording of this robot is a table of poses.
+        Ok(_) | Err(_) => None,
+    };
     let (times, x, y, yaw) = match recorded {
         Some(recording) => {
             let column = |axis: &str| {

@@ -221,6 +221,7 @@ fn refusal_of_words() {
     let folder = scratch("words");
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     std::fs::write(folder.join("few.csv"), "t,x,y,yaw\n0,0,0,0\n1,1,0,0\n").expect("written");
+    std::fs::write(folder.join("text.mcap"), "no recording").expect("written");
     let out = path("run");
     let recorded = appell()
         .args(["run", "scenarios/homing.toml", "--no-report", "--out", &out])
@@ -265,6 +266,16 @@ fn refusal_of_words() {
             &["inverse", "scenarios/slalom.toml"],
             &["--of", &path("few.csv")],
             "must have at least 4 rows, got 2",
+        ),
+        (
+            &["inverse", "scenarios/slalom.toml"],
+            &["--of", &path("text.mcap")],
+            "text.mcap",
+        ),
+        (
+            &["inverse", "scenarios/gate.toml"],
+            &["--of", &recording],
+            "must hold the signal robot.",
         ),
         (
             &["inverse", "scenarios/slalom.toml"],
