@@ -25,6 +25,8 @@ pub struct Sizes {
 pub trait Dynamics<T: Scalar>: Send + Sync {
     /// Index of the first state of the linear part, where the compiler knows the sizes.
     const STIFF: usize = 0;
+    /// Two ranges of states beyond which nothing has a part in the derivative: a stage needs no more.
+    const READ: [(usize, usize); 2] = [(0, usize::MAX), (0, 0)];
     /// Sizes of all vectors.
     fn sizes(&self) -> Sizes;
     /// Rate of the state.
@@ -51,9 +53,10 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     fn linear_part(&self, _mode: &[T], _matrix: &mut [T]) -> Option<core::ops::Range<usize>> {
         None
     }
-    /// Does a job on this system, or on a twin of it whose sizes the compiler knows. Same bits.
+    /// Does a job under the input `u` on this system, or on a twin of it whose sizes the compiler
+    /// knows, and which leaves out what that input does not move. Same bits.
     #[inline(always)]
-    fn specialised<J: Work<T>>(&self, job: J) -> J::Output
+    fn specialised<J: Work<T>>(&self, _u: &[T], job: J) -> J::Output
     where
         Self: Sized,
     {
@@ -76,8 +79,11 @@ pub trait Work<T: Scalar> {
 
 /// An input as a function of time.
 pub trait Input<T: Scalar> {
-    /// Whether it is the same at all times.
-    const HELD: bool = false;
+    /// Its value, if it is the same at all times.
+    #[inline(always)]
+    fn held(&self) -> Option<&[T]> {
+        None
+    }
     /// Writes the input at `t`, s, into `u`.
     fn at(&self, t: f64, u: &mut [T]);
 }
@@ -86,8 +92,10 @@ pub trait Input<T: Scalar> {
 pub struct Held<'a, T>(pub &'a [T]);
 
 impl<T: Scalar> Input<T> for Held<'_, T> {
-    const HELD: bool = true;
-
+    #[inline(always)]
+    fn held(&self) -> Option<&[T]> {
+        Some(self.0)
+    }
     #[inline(always)]
     fn at(&self, _t: f64, u: &mut [T]) {
         for k in 0..self.0.len() {

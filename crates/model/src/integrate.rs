@@ -20,12 +20,13 @@ pub use runge_kutta::RungeKutta4;
 #[repr(align(64))]
 struct Aligned<T, const N: usize>([T; N]);
 
-/// One step, as a job for the twin of a system whose sizes the compiler knows.
-struct Step<'a, T, M, I> {
+/// Steps, as a job for the twin of a system whose sizes the compiler knows.
+struct Steps<'a, T, M, I> {
     method: &'a mut M,
     input: &'a I,
     t: f64,
     dt: f64,
+    count: u64,
     x: &'a mut [T],
     mode: &'a mut [T],
 }
@@ -46,11 +47,27 @@ macro_rules! stepped {
                 x: &mut [T],
                 mode: &mut [T],
             ) {
-                let step = Step {
+                self.steps(system, input, t, dt, 1, x, mode);
+            }
+
+            /// Makes `count` steps of length dt from t: the same bits as one by one.
+            #[allow(clippy::too_many_arguments)]
+            pub fn steps<S: Dynamics<T>, I: Input<T>>(
+                &mut self,
+                system: &S,
+                input: &I,
+                t: f64,
+                dt: f64,
+                count: u64,
+                x: &mut [T],
+                mode: &mut [T],
+            ) {
+                let steps = Steps {
                     method: self,
                     input,
                     t,
                     dt,
+                    count,
                     x,
                     mode,
                 };
@@ -59,14 +76,14 @@ macro_rules! stepped {
                     #[target_feature(enable = "avx2,fma")]
                     fn fused<T: Scalar, S: Dynamics<T>, I: Input<T>>(
                         system: &S,
-                        step: Step<'_, T, $method<T>, I>,
+                        steps: Steps<'_, T, $method<T>, I>,
                     ) {
                         // Twins are compiled for held inputs only, as control loops give them: they
                         // are large, and what varies within a step comes from tests and tools.
-                        if I::HELD {
-                            system.specialised(step);
-                        } else {
-                            step.run::<0, 0, S>(system);
+                        let input = steps.input;
+                        match input.held() {
+                            Some(u) => system.specialised(u, steps),
+                            None => steps.run::<0, 0, S>(system),
                         }
                     }
                     if std::arch::is_x86_feature_detected!("avx2")
@@ -76,15 +93,18 @@ macro_rules! stepped {
                         // processor.
                         #[allow(unsafe_code)]
                         unsafe {
-                            fused(system, step);
+                            fused(system, steps);
                         }
                     } else {
                         // Rare machines, for which no sizes are compiled in.
-                        step.run::<0, 0, S>(system);
+                        steps.run::<0, 0, S>(system);
                     }
                 }
                 #[cfg(not(target_arch = "x86_64"))]
-                system.specialised(step);
+                match input.held() {
+                    Some(u) => system.specialised(u, steps),
+                    None => steps.run::<0, 0, S>(system),
+                }
             }
         }
     };

@@ -9,7 +9,7 @@ use crate::drive::{DcMotor, Drive};
 use crate::planar::{Vec2, vec2};
 use crate::scalar::Scalar;
 use crate::solve::{MAX_DOF, Row, Square, add_outer, dot, zero_row};
-use crate::wheel::{Rim, Steering, Wheel, WheelFrame};
+use crate::wheel::{Rim, RollingRow, Steering, Wheel, WheelFrame};
 
 /// Largest number of wheels of a platform.
 pub const MAX_WHEELS: usize = 12;
@@ -35,6 +35,10 @@ pub struct Platform<T> {
     layout: Layout,
     /// Columns of Σ, as (x, y, yaw) rows over η.
     basis: [Row<T>; 3],
+    /// Frames of the fixed wheels; of the others, at the angle zero.
+    frames: Vec<WheelFrame<T>>,
+    /// (cos δ, sin δ) of each rim; (1, 0) for plain ones.
+    rims: Vec<Vec2<T>>,
 }
 
 /// Why a set of wheels is no platform.
@@ -274,11 +278,34 @@ impl<T: Scalar> Platform<T> {
             constant,
             fixed_rank: 3 - eta,
         };
+        let direction = |angle: T| {
+            let (sin, cos) = angle.sin_cos();
+            vec2(cos, sin)
+        };
+        let frames = wheels
+            .iter()
+            .map(|wheel| {
+                let forward = match wheel.steering {
+                    Steering::Fixed { angle } => direction(angle),
+                    Steering::Driven | Steering::Free { .. } => vec2(T::one(), T::zero()),
+                };
+                wheel.frame(forward.x, forward.y)
+            })
+            .collect();
+        let rims = wheels
+            .iter()
+            .map(|wheel| match wheel.rim {
+                Rim::Plain => vec2(T::one(), T::zero()),
+                Rim::Rollers { angle } => direction(angle),
+            })
+            .collect();
         Ok(Platform {
             body,
             wheels,
             layout,
             basis,
+            frames,
+            rims,
         })
     }
 
@@ -384,15 +411,23 @@ impl<T: Scalar> Platform<T> {
     pub fn wheel_frame(&self, i: usize, x: &[T]) -> WheelFrame<T> {
         let wheel = &self.wheels[i];
         match wheel.steering {
-            Steering::Fixed { angle } => {
-                let (sin, cos) = angle.sin_cos();
-                wheel.frame(cos, sin)
-            }
+            Steering::Fixed { .. } => self.frames[i],
             Steering::Driven | Steering::Free { .. } => {
                 let k = self.swivel_index(i);
                 let at = self.layout.swivel(k);
                 wheel.frame(x[at + 1], x[at + 2])
             }
+        }
+    }
+
+    /// Direction and lever arm of the force along which the rim of wheel i resists.
+    /// `[eq:constraints]`
+    #[inline(always)]
+    pub fn rolling_row(&self, i: usize, frame: &WheelFrame<T>) -> RollingRow<T> {
+        let rim = self.rims[i];
+        RollingRow {
+            direction: frame.forward * rim.x + frame.left * rim.y,
+            lever: self.wheels[i].radius * rim.x,
         }
     }
 
@@ -439,7 +474,7 @@ impl<T: Scalar> Platform<T> {
     /// `[eq:constraints]`
     #[inline(always)]
     pub fn spin_rate(&self, i: usize, frame: &WheelFrame<T>, velocity: Vec2<T>, yaw_rate: T) -> T {
-        let rolling = self.wheels[i].rolling_row(frame);
+        let rolling = self.rolling_row(i, frame);
         let contact = velocity + frame.contact.perpendicular() * yaw_rate;
         rolling.direction.dot(contact) / rolling.lever
     }
@@ -608,7 +643,7 @@ impl<T: Scalar> Platform<T> {
         steering_rate: T,
     ) -> Convective<T> {
         let wheel = &self.wheels[i];
-        let rolling = wheel.rolling_row(frame);
+        let rolling = self.rolling_row(i, frame);
         let trail = wheel.trail();
         let carried = velocity + frame.contact.perpendicular() * yaw_rate;
         let swivel = match wheel.steering {

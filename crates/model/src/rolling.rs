@@ -32,8 +32,8 @@ pub use inverse::Demand;
 pub struct Rolling<T: Scalar> {
     platform: Platform<T>,
     ground: Ground<T>,
-    /// Reduced equations and inverse mass matrix, for platforms whose geometry does not change.
-    constant: Option<(Reduced<T>, Square<T>)>,
+    /// What does not change, where the geometry does not.
+    constant: Option<Box<Constant<T>>>,
     /// The same with sizes known to the compiler, for the commonest platforms.
     shape: Option<Shape<T>>,
     axles: Vec<Axle<T>>,
@@ -41,8 +41,20 @@ pub struct Rolling<T: Scalar> {
     any_rubs: bool,
     /// Whether gravity has no part along the ground.
     is_level: bool,
+    /// Whether the ground is level and the only friction is viscous.
+    is_smooth: bool,
     /// The contacts that carry it, where three or more span a plane.
     support: Option<Support<T>>,
+}
+
+/// What follows from a geometry that does not change.
+#[derive(Clone, Debug)]
+struct Constant<T> {
+    reduced: Reduced<T>,
+    /// Inverse of the reduced mass matrix.
+    inverse: Square<T>,
+    /// Which side forces give the wheels together a force and moment.
+    sideways: [[T; 3]; 3],
 }
 
 /// What acts on the platform at an instant.
@@ -69,7 +81,11 @@ impl<T: Scalar> Rolling<T> {
         let axles: Vec<Axle<T>> = platform.wheels().iter().enumerate().map(axle).collect();
         let constant = layout.constant.then(|| {
             let reduced = platform.reduce(&vec![T::zero(); layout.state()]);
-            (reduced, invert(layout.dof(), &reduced.mass))
+            Box::new(Constant {
+                inverse: invert(layout.dof(), &reduced.mass),
+                reduced,
+                sideways: contact::side_forces(&platform),
+            })
         });
         // A caster's contact moves by its trail; for the loads it stands under its pivot.
         let contacts: Vec<_> = platform
@@ -80,16 +96,19 @@ impl<T: Scalar> Rolling<T> {
         let support = Support::new(&contacts);
         let shape = constant
             .as_ref()
-            .and_then(|(reduced, inverse)| Shape::new(&platform, &axles, reduced, inverse));
+            .and_then(|fixed| Shape::new(&platform, &axles, &fixed.reduced, &fixed.inverse));
+        let is_level = is_zero(ground.gravity.x)
+            .and(is_zero(ground.gravity.y))
+            .all();
+        let is_dry = |axle: &Axle<T>| axle.rubs || axle.rounding.is_some();
         Rolling {
             platform,
             ground,
             constant,
             shape,
             any_rubs: axles.iter().any(|axle| axle.rubs),
-            is_level: is_zero(ground.gravity.x)
-                .and(is_zero(ground.gravity.y))
-                .all(),
+            is_level,
+            is_smooth: is_level && !axles.iter().any(is_dry),
             axles,
             support,
         }
@@ -113,9 +132,20 @@ impl<T: Scalar> Rolling<T> {
     /// Reduced mass matrix, G and rows at a state; for reports.
     pub fn reduced(&self, x: &[T]) -> Reduced<T> {
         match &self.constant {
-            Some((reduced, _)) => *reduced,
+            Some(constant) => constant.reduced,
             None => self.platform.reduce(x),
         }
+    }
+
+    /// Whether nothing acts under this input but drives and viscous friction, on level ground.
+    #[inline(always)]
+    fn is_plain(&self, u: &[T]) -> bool {
+        let at = self.platform.layout().wrench_input();
+        let mut alone = self.is_smooth;
+        for k in 0..3 {
+            alone &= is_zero(u[at + k]).all();
+        }
+        alone
     }
 
     /// Largest friction torque of wheel i, N·m.
@@ -217,7 +247,7 @@ impl<T: Scalar> Rolling<T> {
     #[inline(always)]
     fn inverse_mass(&self, reduced: &Reduced<T>) -> Square<T> {
         match &self.constant {
-            Some((_, inverse)) => *inverse,
+            Some(constant) => constant.inverse,
             None => invert(self.platform.layout().dof(), &reduced.mass),
         }
     }
@@ -279,7 +309,7 @@ impl<T: Scalar> Rolling<T> {
         let n = layout.dof();
         let varying;
         let reduced = match &self.constant {
-            Some((reduced, _)) => reduced,
+            Some(constant) => &constant.reduced,
             None => {
                 varying = self.platform.reduce(x);
                 &varying
@@ -338,6 +368,16 @@ impl<T: Scalar> Rolling<T> {
         dx[ledger + 1] = windings;
         dx[ledger + 2] = gears;
         dx[ledger + 3] = friction;
+    }
+
+    /// φ̇ and γ̇ of a caster that only follows.
+    #[inline(always)]
+    fn follow(&self, i: usize, x: &[T], velocity: Vec2<T>, yaw_rate: T) -> (T, T) {
+        let frame = self.platform.wheel_frame(i, x);
+        (
+            self.platform.spin_rate(i, &frame, velocity, yaw_rate),
+            self.platform.caster_rate(i, &frame, velocity, yaw_rate),
+        )
     }
 
     /// Rates of the pose and of the heading's cosine and sine.
@@ -406,10 +446,17 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
         let layout = self.platform.layout();
         let n = layout.dof();
-        let reduced = self.reduced(x);
-        let forces = self.forces(x, u, mode, &reduced);
-        let v_rate = self.acceleration(x, &reduced, &forces);
-        let (longitudinal, lateral) = self.contact_forces(x, u, &reduced, &forces, &v_rate);
+        let varying;
+        let reduced = match &self.constant {
+            Some(constant) => &constant.reduced,
+            None => {
+                varying = self.platform.reduce(x);
+                &varying
+            }
+        };
+        let forces = self.forces(x, u, mode, reduced);
+        let v_rate = self.acceleration(x, reduced, &forces);
+        let (longitudinal, lateral) = self.contact_forces(x, u, reduced, &forces, &v_rate);
         let v = &x[layout.velocity()..layout.velocity() + n];
         y[0] = forces.velocity.x;
         y[1] = forces.velocity.y;
@@ -429,17 +476,14 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
             if let Drive::DcMotor(motor) = &wheel.drive {
                 magnetic += T::from(0.5) * motor.inductance * current * current;
             }
-            let rate = if self.platform.is_dynamic(i) {
-                forces.actions[i].rate
+            let (rate, swivel) = if self.platform.is_dynamic(i) {
+                (forces.actions[i].rate, dot(n, &reduced.swivel[i], v))
             } else {
-                dot(n, &self.platform.spin_row(i, &frame), v)
+                self.follow(i, x, forces.velocity, forces.yaw_rate)
             };
             let mut set = |what: WheelOutput, value: T| y[layout.wheel_output(i, what)] = value;
             set(WheelOutput::SpinRate, rate);
-            set(
-                WheelOutput::SteeringRate,
-                dot(n, &self.platform.swivel_row(i, &frame), v),
-            );
+            set(WheelOutput::SteeringRate, swivel);
             set(WheelOutput::Torque, torque);
             set(WheelOutput::Current, current);
             set(WheelOutput::Longitudinal, longitudinal[i]);
@@ -467,24 +511,24 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         y[1] = velocity.y;
         y[2] = yaw_rate;
         for i in 0..layout.wheels {
-            let (spin, swivel) = match &self.constant {
-                Some((reduced, _)) if self.platform.is_dynamic(i) => {
-                    (reduced.spin[i], reduced.swivel[i])
+            let (rate, swivel) = match &self.constant {
+                Some(constant) if self.platform.is_dynamic(i) => {
+                    (dot(n, &constant.reduced.spin[i], v), T::zero())
                 }
-                _ => {
+                Some(_) => self.follow(i, x, velocity, yaw_rate),
+                None => {
                     let frame = self.platform.wheel_frame(i, x);
-                    let spin = self.platform.spin_row(i, &frame);
-                    (spin, self.platform.swivel_row(i, &frame))
+                    let spin = dot(n, &self.platform.spin_row(i, &frame), v);
+                    (spin, dot(n, &self.platform.swivel_row(i, &frame), v))
                 }
             };
-            let rate = dot(n, &spin, v);
             let rests = if self.axles[i].rubs {
                 is_zero(mode[i])
             } else {
                 T::Mask::splat(false)
             };
             y[layout.wheel_output(i, WheelOutput::SpinRate)] = T::select(rests, T::zero(), rate);
-            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = dot(n, &swivel, v);
+            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = swivel;
         }
     }
 
@@ -496,7 +540,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         }
         let varying;
         let reduced = match &self.constant {
-            Some((reduced, _)) => reduced,
+            Some(constant) => &constant.reduced,
             None => {
                 varying = self.platform.reduce(x);
                 &varying
@@ -533,7 +577,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         }
         let varying;
         let reduced = match &self.constant {
-            Some((reduced, _)) => reduced,
+            Some(constant) => &constant.reduced,
             None => {
                 varying = self.platform.reduce(x);
                 &varying
@@ -587,7 +631,9 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     fn linear_part(&self, mode: &[T], matrix: &mut [T]) -> Option<core::ops::Range<usize>> {
         // At constant geometry ż = A z + … for z = (v, currents): the derivative without its
         // quadratic, gravity and dry-friction terms, column by column.
-        let (reduced, inverse) = self.constant.as_ref()?;
+        let Constant {
+            reduced, inverse, ..
+        } = self.constant.as_deref()?;
         let layout = self.platform.layout();
         let n = layout.dof();
         let size = n + layout.motors.len();
@@ -637,9 +683,9 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     }
 
     #[inline(always)]
-    fn specialised<J: Work<T>>(&self, job: J) -> J::Output {
+    fn specialised<J: Work<T>>(&self, u: &[T], job: J) -> J::Output {
         match &self.shape {
-            Some(shape) => shape.work(self, job),
+            Some(shape) => shape.work(self, u, job),
             None => job.run::<0, 0, _>(self),
         }
     }

@@ -18,6 +18,8 @@ pub struct Support<T> {
     inverse: [[T; 3]; 3],
     /// Corners of the support polygon, counter-clockwise, as indices.
     corners: Vec<usize>,
+    /// Unit vectors along the edges that begin at each corner.
+    edges: Vec<Vec2<T>>,
 }
 
 impl<T: Scalar> Support<T> {
@@ -53,7 +55,14 @@ impl<T: Scalar> Support<T> {
         for a in 0..3 {
             inverse[a].copy_from_slice(&full[a][..3]);
         }
+        let edges = (0..corners.len())
+            .map(|k| {
+                let edge = points[corners[(k + 1) % corners.len()]] - points[corners[k]];
+                edge * (T::one() / edge.dot(edge).sqrt())
+            })
+            .collect();
         Some(Support {
+            edges,
             stiffness: contacts.iter().map(|(_, stiffness)| *stiffness).collect(),
             points,
             inverse,
@@ -99,14 +108,8 @@ impl<T: Scalar> Support<T> {
     pub fn margin(&self, point: Vec2<T>) -> T {
         let mut margin = T::from(f64::MAX);
         for k in 0..self.corners.len() {
-            let next = if k + 1 == self.corners.len() {
-                0
-            } else {
-                k + 1
-            };
             let from = self.points[self.corners[k]];
-            let edge = self.points[self.corners[next]] - from;
-            margin = margin.min(edge.cross(point - from) / edge.dot(edge).sqrt());
+            margin = margin.min(self.edges[k].cross(point - from));
         }
         margin
     }

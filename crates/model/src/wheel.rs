@@ -113,24 +113,6 @@ impl<T: Scalar> Wheel<T> {
         }
     }
 
-    /// Direction and lever arm of the force along which the rim resists. `[eq:constraints]`
-    #[inline(always)]
-    pub fn rolling_row(&self, frame: &WheelFrame<T>) -> RollingRow<T> {
-        match self.rim {
-            Rim::Plain => RollingRow {
-                direction: frame.forward,
-                lever: self.radius,
-            },
-            Rim::Rollers { angle } => {
-                let (sin, cos) = angle.sin_cos();
-                RollingRow {
-                    direction: frame.forward * cos + frame.left * sin,
-                    lever: self.radius * cos,
-                }
-            }
-        }
-    }
-
     /// Whether the rim resists along the axle, too.
     pub fn is_plain(&self) -> bool {
         matches!(self.rim, Rim::Plain)

@@ -20,6 +20,8 @@ use appell_sim::scenario::{self, Integrator};
 use serde_json::Value;
 
 const STEPS: usize = 20_000;
+/// Steps for which a command is held: a controller at 100 Hz.
+const HELD: usize = 10;
 const ROUNDS: usize = 60;
 
 /// Least time of each act, s, over rounds in which they take turns: a disturbance of the machine
@@ -38,7 +40,8 @@ fn least<const N: usize>(rounds: usize, mut acts: [&mut dyn FnMut(); N]) -> [f64
 
 /// The closed form of the two-wheel robot with motors, by hand: seven states and the angles of both
 /// wheels, heading as (cos, sin) renewed once a step. What the general model is measured against.
-/// Constants are multiplied out, so that no division is left in the loop.
+/// Constants are multiplied out, so that no division is left in the loop. Supply and driver limit
+/// the voltage as the robot's do; it keeps no energy ledger, and it knows one robot.
 struct Hand {
     per_mass: f64,
     per_inertia: f64,
@@ -49,6 +52,9 @@ struct Hand {
     emf: f64,
     r: f64,
     per_l: f64,
+    /// R I_max and the voltage of the supply.
+    window: f64,
+    supply: f64,
 }
 
 type HandState = [f64; 11];
@@ -64,7 +70,20 @@ fn ahead(x: &HandState, k: &HandState, h: f64) -> HandState {
 
 impl Hand {
     #[inline(always)]
-    fn rate(&self, x: &HandState, u: [f64; 2]) -> HandState {
+    fn voltage<const LIMITED: bool>(&self, command: f64, emf: f64) -> f64 {
+        if !LIMITED {
+            return command;
+        }
+        // The scalar's, which are one instruction each; those of f64 look for NaN besides.
+        let (max, min) = (<f64 as Scalar>::max, <f64 as Scalar>::min);
+        let command = min(max(command, -self.supply), self.supply);
+        let lowest = min(emf - self.window, self.supply);
+        let highest = max(emf + self.window, -self.supply);
+        min(max(command, lowest), highest)
+    }
+
+    #[inline(always)]
+    fn rate<const LIMITED: bool>(&self, x: &HandState, u: [f64; 2]) -> HandState {
         let [_, _, _, cos, sin, v, w, left, right, _, _] = *x;
         let (tl, tr) = (self.gain * left, self.gain * right);
         let (traction, turning) = ((tl + tr) * self.per_radius, (tr - tl) * self.per_radius);
@@ -74,8 +93,9 @@ impl Hand {
             (-self.half).mul_add(w, v) * self.per_radius,
             self.half.mul_add(w, v) * self.per_radius,
         );
-        let dl = (-self.emf).mul_add(ql, (-self.r).mul_add(left, u[0])) * self.per_l;
-        let dr = (-self.emf).mul_add(qr, (-self.r).mul_add(right, u[1])) * self.per_l;
+        let (el, er) = (self.emf * ql, self.emf * qr);
+        let dl = (-self.r).mul_add(left, self.voltage::<LIMITED>(u[0], el) - el) * self.per_l;
+        let dr = (-self.r).mul_add(right, self.voltage::<LIMITED>(u[1], er) - er) * self.per_l;
         [
             v * cos,
             v * sin,
@@ -92,11 +112,11 @@ impl Hand {
     }
 
     #[inline(always)]
-    fn step_plain(&self, x: &mut HandState, u: [f64; 2], h: f64) {
-        let a = self.rate(x, u);
-        let b = self.rate(&ahead(x, &a, 0.5 * h), u);
-        let c = self.rate(&ahead(x, &b, 0.5 * h), u);
-        let d = self.rate(&ahead(x, &c, h), u);
+    fn step_plain<const LIMITED: bool>(&self, x: &mut HandState, u: [f64; 2], h: f64) {
+        let a = self.rate::<LIMITED>(x, u);
+        let b = self.rate::<LIMITED>(&ahead(x, &a, 0.5 * h), u);
+        let c = self.rate::<LIMITED>(&ahead(x, &b, 0.5 * h), u);
+        let d = self.rate::<LIMITED>(&ahead(x, &c, h), u);
         for i in 0..11 {
             x[i] += h / 6.0 * (a[i] + 2.0 * (b[i] + c[i]) + d[i]);
         }
@@ -106,22 +126,26 @@ impl Hand {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
-    fn step_fused(&self, x: &mut HandState, u: [f64; 2], h: f64) {
-        self.step_plain(x, u, h);
+    fn steps_fused<const LIMITED: bool>(&self, x: &mut HandState, u: [f64; 2], h: f64) {
+        for _ in 0..HELD {
+            self.step_plain::<LIMITED>(x, u, h);
+        }
     }
 
-    fn step(&self, x: &mut HandState, u: [f64; 2], h: f64) {
+    fn steps<const LIMITED: bool>(&self, x: &mut HandState, u: [f64; 2], h: f64) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
         {
             // SAFETY: the features were found on this processor.
             #[allow(unsafe_code)]
             unsafe {
-                self.step_fused(x, u, h);
+                self.steps_fused::<LIMITED>(x, u, h);
             }
             return;
         }
-        self.step_plain(x, u, h);
+        for _ in 0..HELD {
+            self.step_plain::<LIMITED>(x, u, h);
+        }
     }
 }
 
@@ -190,14 +214,25 @@ fn model(loaded: &scenario::Loaded) {
         emf: 1.0,
         r: 1.2,
         per_l: 1.0 / 0.002,
+        window: 1e6,
+        supply: 24.0,
     };
+    let start: HandState = [0.0, 0.0, 0.3, 0.955, 0.2955, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0];
     let mut by_hand = || {
-        let mut x: HandState = [0.0, 0.0, 0.3, 0.955, 0.2955, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0];
-        for k in 0..STEPS {
-            hand.step(&mut x, black_box([6.0 + (k & 1) as f64, 7.0]), 1e-3);
+        let mut x = start;
+        for k in 0..STEPS / HELD {
+            hand.steps::<true>(&mut x, black_box([6.0 + (k & 1) as f64, 7.0]), 1e-3);
         }
         black_box(x);
     };
+    let mut unlimited = || {
+        let mut x = start;
+        for k in 0..STEPS / HELD {
+            hand.steps::<false>(&mut x, black_box([6.0 + (k & 1) as f64, 7.0]), 1e-3);
+        }
+        black_box(x);
+    };
+    // Inputs change every ten steps, as they do under a controller at 100 Hz.
     let general = |file: &scenario::Platform, exponential: bool| {
         let platform = build::platform(file, DriveModel::AsBuilt, 9.81).expect("checked");
         let x0 = build::rest_state(&platform, [0.0, 0.0, 0.3], &[]);
@@ -208,12 +243,13 @@ fn model(loaded: &scenario::Loaded) {
             let (mut x, mut mode) = (x0.clone(), vec![1.0; sizes.mode]);
             let mut rk4 = RungeKutta4::new(sizes.state, sizes.input);
             let mut etd = Exponential::new(&system, 1e-3).expect("constant geometry");
-            for k in 0..STEPS {
+            for k in 0..STEPS / HELD {
                 (u[0], u[1]) = (6.0 + (k & 1) as f64, 7.0);
+                let (held, count) = (Held(black_box(&u[..])), HELD as u64);
                 if exponential {
-                    etd.step(&system, &Held(black_box(&u)), 0.0, 1e-3, &mut x, &mut mode);
+                    etd.steps(&system, &held, 0.0, 1e-3, count, &mut x, &mut mode);
                 } else {
-                    rk4.step(&system, &Held(black_box(&u)), 0.0, 1e-3, &mut x, &mut mode);
+                    rk4.steps(&system, &held, 0.0, 1e-3, count, &mut x, &mut mode);
                 }
             }
             black_box(&x);
@@ -225,6 +261,7 @@ fn model(loaded: &scenario::Loaded) {
         ROUNDS,
         [
             &mut by_hand,
+            &mut unlimited,
             &mut two,
             &mut caster,
             &mut two_etd,
@@ -233,6 +270,7 @@ fn model(loaded: &scenario::Loaded) {
     );
     let names = [
         "hand-written closed form, RK4",
+        "the same without its limits",
         "general model, two wheels, RK4",
         "general model with caster, RK4",
         "general model, two wheels, ETD2",
@@ -276,8 +314,10 @@ fn world(loaded: &scenario::Loaded) {
         let mut run = Run::new(&changed, 0).expect("valid");
         for _ in 0..ROUNDS {
             let start = Instant::now();
-            for _ in 0..1000 {
-                run.world.step(&mut Nothing).expect("runs");
+            let goal = run.world.tick() + 1000;
+            while run.world.tick() < goal {
+                let limit = goal - run.world.tick();
+                run.world.advance(limit, &mut Nothing).expect("runs");
             }
             best = best.min(start.elapsed().as_secs_f64() / 1000.0);
         }

@@ -29,6 +29,8 @@ pub struct Plant {
     /// Where each command, and the brake, stand in the model's input.
     commands: Vec<usize>,
     brake: usize,
+    /// Step of the physics, s.
+    step: f64,
     /// Mechanical and magnetic energy at the start, J: where the ledger begins.
     energy_start: f64,
 }
@@ -153,6 +155,7 @@ impl Plant {
             y,
             commands,
             brake: layout.brake_input(),
+            step: numerics.step,
             energy_start: 0.0,
         };
         plant.energy_start = plant.energy();
@@ -351,24 +354,27 @@ impl Block for Plant {
         self.take_input(input);
         let (x, mode) = (&mut self.x, &mut self.mode);
         let held = Held(&self.u);
+        // Always in steps of the physics, however far the way is: the bits do not depend on it.
+        let step = self.step;
+        let count = (dt / step).round() as u64;
         match (&self.system, &mut self.method) {
             (System::Kinematic(s), Method::RungeKutta4(m)) => {
-                m.step(s.as_ref(), &held, t, dt, x, mode)
+                m.steps(s.as_ref(), &held, t, step, count, x, mode)
             }
             (System::Rolling(s), Method::RungeKutta4(m)) => {
-                m.step(s.as_ref(), &held, t, dt, x, mode)
+                m.steps(s.as_ref(), &held, t, step, count, x, mode)
             }
             (System::Kinematic(s), Method::Exponential(m)) => {
-                m.step(s.as_ref(), &held, t, dt, x, mode)
+                m.steps(s.as_ref(), &held, t, step, count, x, mode)
             }
             (System::Rolling(s), Method::Exponential(m)) => {
-                m.step(s.as_ref(), &held, t, dt, x, mode)
+                m.steps(s.as_ref(), &held, t, step, count, x, mode)
             }
             (System::Kinematic(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s.as_ref(), &held, t, dt, x, mode)?
+                advance(&self.name, m, s.as_ref(), &held, (t, step, count), x, mode)?
             }
             (System::Rolling(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s.as_ref(), &held, t, dt, x, mode)?;
+                advance(&self.name, m, s.as_ref(), &held, (t, step, count), x, mode)?;
             }
         }
         if x.iter().all(|value| value.is_finite()) {
@@ -478,26 +484,32 @@ impl Plant {
     }
 }
 
-#[allow(clippy::too_many_arguments)]
 fn advance<S: Dynamics<f64>>(
     name: &str,
     method: &mut Adaptive<f64>,
     system: &S,
     input: &Held<'_, f64>,
-    t: f64,
-    dt: f64,
+    (t, step, count): (f64, f64, u64),
     x: &mut [f64],
     mode: &mut [f64],
 ) -> Result<(), BlockError> {
-    // Time within the step: small numbers keep event times exact however long the run.
-    let result = method.advance(system, input, 0.0, dt, x, mode, None);
-    result.map(|_| ()).map_err(|stalled| BlockError {
-        block: name.to_owned(),
-        problem: match stalled {
-            Stalled::StepTooSmall(at) => format!("the adaptive step vanished at t = {} s", t + at),
-            Stalled::NotFinite(at) => format!("the state is no longer finite at t = {} s", t + at),
-        },
-    })
+    for k in 0..count {
+        // Time within the step: small numbers keep event times exact however long the run.
+        let result = method.advance(system, input, 0.0, step, x, mode, None);
+        let start = t + k as f64 * step;
+        result.map_err(|stalled| BlockError {
+            block: name.to_owned(),
+            problem: match stalled {
+                Stalled::StepTooSmall(at) => {
+                    format!("the adaptive step vanished at t = {} s", start + at)
+                }
+                Stalled::NotFinite(at) => {
+                    format!("the state is no longer finite at t = {} s", start + at)
+                }
+            },
+        })?;
+    }
+    Ok(())
 }
 
 /// Speed over ground of a twist, m/s.

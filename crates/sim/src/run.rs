@@ -19,6 +19,9 @@ use crate::scenario::{
 use crate::servo::Servo;
 use crate::world::{RobotBlocks, SimError, World};
 
+/// Ticks between two reports of progress.
+const PROGRESS_TICKS: u64 = 1024;
+
 /// How a run ended.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -299,13 +302,15 @@ impl Run {
     ) -> Result<Summary, SimError> {
         let mut meter = Meter::new(recorder, &self.scenario, &self.header);
         meter.begin(&self.header)?;
+        let mut shown = 0;
         let result = loop {
-            match self.world.step(&mut meter) {
+            match self.world.advance(PROGRESS_TICKS, &mut meter) {
                 Ok(true) => {}
                 Ok(false) => break Ok(()),
                 Err(error) => break Err(error),
             }
-            if self.world.tick().is_multiple_of(1024) {
+            if self.world.tick() - shown >= PROGRESS_TICKS {
+                shown = self.world.tick();
                 progress(self.world.now());
             }
         };

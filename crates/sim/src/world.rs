@@ -267,6 +267,12 @@ impl World {
 
     /// Makes one step: sense, decide, record, move, judge. True while there is more to do.
     pub fn step(&mut self, recorder: &mut dyn Recorder) -> Result<bool, SimError> {
+        self.advance(1, recorder)
+    }
+
+    /// Makes a step and goes on while nothing is due but motion, for at most `limit` steps. The bits
+    /// are the same as step by step.
+    pub fn advance(&mut self, limit: u64, recorder: &mut dyn Recorder) -> Result<bool, SimError> {
         let (tick, t) = (self.tick, self.now());
         run_due(&mut self.sensors, tick, t, self.step, &mut self.row)?;
         run_due(&mut self.controllers, tick, t, self.step, &mut self.row)?;
@@ -277,11 +283,13 @@ impl World {
         if ends {
             return Ok(false);
         }
+        let ahead = (self.next_due() - tick).min(limit);
         for slot in &mut self.plants {
             slot.gather(&self.row);
-            slot.block.step(tick, t, self.step, &slot.buffer, &mut [])?;
+            let dt = ahead as f64 * self.step;
+            slot.block.step(tick, t, dt, &slot.buffer, &mut [])?;
         }
-        self.tick += 1;
+        self.tick += ahead;
         let tick = self.tick;
         for (k, due) in self.readings.iter_mut().enumerate() {
             if due.now(tick) {
@@ -295,6 +303,24 @@ impl World {
             }
         }
         Ok(true)
+    }
+
+    /// The first tick after this one at which anything is due, or the end.
+    fn next_due(&self) -> u64 {
+        let mut next = self.end.min(self.record.next);
+        for slot in &self.sensors {
+            next = next.min(slot.due.next);
+        }
+        for slot in &self.controllers {
+            next = next.min(slot.due.next);
+        }
+        for due in &self.readings {
+            next = next.min(due.next);
+        }
+        for referee in &self.referees {
+            next = next.min(referee.due.next);
+        }
+        next
     }
 
     /// Whether every task has its verdict.

@@ -1,6 +1,6 @@
 //! An exponential method for motors: stable for any winding.
 
-use super::{Aligned, Step, multiply};
+use super::{Aligned, Steps, multiply};
 use crate::dynamics::{Dynamics, Input, Work};
 use crate::scalar::{Mask, Scalar};
 
@@ -105,83 +105,57 @@ impl<T: Scalar> Exponential<T> {
     }
 }
 
-impl<T: Scalar, I: Input<T>> Work<T> for Step<'_, T, Exponential<T>, I> {
+impl<T: Scalar, I: Input<T>> Work<T> for Steps<'_, T, Exponential<T>, I> {
     type Output = ();
 
     #[inline(always)]
     fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
-        self.input.at(self.t, &mut self.method.input);
-        system.decide(self.x, &self.method.input, self.mode);
-        self.method.renew(system, self.mode, self.dt);
-        let Exponential {
-            size,
-            range,
-            linear,
-            propagators,
-            slopes,
-            stage,
-            start,
-            rest,
-            input: u,
-            ..
-        } = self.method;
-        let matrices = (&linear[..], &*propagators);
-        if N == 0 {
-            let n = self.x.len();
-            let [first, middle, early, late] = slopes;
-            let buffers = Buffers {
-                slopes: [
-                    &mut first[..n],
-                    &mut middle[..n],
-                    &mut early[..n],
-                    &mut late[..n],
-                ],
-                stage: &mut stage[..n],
-                start: &mut start[..*size],
-                rest: &mut rest[..*size],
-            };
-            nodes(
-                system,
-                self.input,
-                self.t,
-                self.dt,
-                range.start,
-                matrices,
-                u,
-                self.x,
-                self.mode,
-                buffers,
-            );
-        } else {
-            let [mut x, mut stage] = [Aligned([T::zero(); N]); 2];
-            for k in 0..N {
-                x.0[k] = self.x[k];
-            }
-            let [mut first, mut middle, mut early, mut late] = [Aligned([T::zero(); N]); 4];
-            let [mut start, mut rest] = [Aligned([T::zero(); Z]); 2];
-            let buffers = Buffers {
-                slopes: [&mut first.0, &mut middle.0, &mut early.0, &mut late.0],
-                stage: &mut stage.0,
-                start: &mut start.0,
-                rest: &mut rest.0,
-            };
-            nodes(
-                system,
-                self.input,
-                self.t,
-                self.dt,
-                S::STIFF,
-                matrices,
-                u,
-                &mut x.0,
-                self.mode,
-                buffers,
-            );
-            for k in 0..N {
-                self.x[k] = x.0[k];
-            }
+        let [mut x, mut stage] = [Aligned([T::zero(); N]); 2];
+        let [mut first, mut middle, mut early, mut late] = [Aligned([T::zero(); N]); 4];
+        let [mut start, mut rest] = [Aligned([T::zero(); Z]); 2];
+        for k in 0..N {
+            x.0[k] = self.x[k];
         }
-        system.settle(self.x, u, self.mode);
+        for k in 0..self.count {
+            let t = self.dt.mul_add(k as f64, self.t);
+            let state: &mut [T] = if N == 0 { &mut *self.x } else { &mut x.0 };
+            self.input.at(t, &mut self.method.input);
+            system.decide(state, &self.method.input, self.mode);
+            self.method.renew(system, self.mode, self.dt);
+            let method = &mut *self.method;
+            let matrices = (&method.linear[..], &method.propagators);
+            let n = state.len();
+            let buffers = if N == 0 {
+                let [first, middle, early, late] = &mut method.slopes;
+                Buffers {
+                    slopes: [
+                        &mut first[..n],
+                        &mut middle[..n],
+                        &mut early[..n],
+                        &mut late[..n],
+                    ],
+                    stage: &mut method.stage[..n],
+                    start: &mut method.start[..method.size],
+                    rest: &mut method.rest[..method.size],
+                }
+            } else {
+                Buffers {
+                    slopes: [&mut first.0, &mut middle.0, &mut early.0, &mut late.0],
+                    stage: &mut stage.0,
+                    start: &mut start.0,
+                    rest: &mut rest.0,
+                }
+            };
+            let from = if N == 0 { method.range.start } else { S::STIFF };
+            let u = &mut method.input;
+            nodes(
+                system, self.input, t, self.dt, from, matrices, u, state, self.mode, buffers,
+            );
+            system.settle(state, u, self.mode);
+        }
+        for k in 0..N {
+            self.x[k] = x.0[k];
+        }
     }
 }
 
@@ -229,7 +203,7 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
     }
     propagators[MIDDLE].apply(start, rest, &mut stage[from..from + size]);
     system.straighten(stage);
-    if !I::HELD {
+    if input.held().is_none() {
         input.at(t + 0.5 * dt, u);
     }
     system.derivative(stage, u, mode, middle);
@@ -252,7 +226,7 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
         }
         propagators[OUTER[side]].apply(start, rest, &mut stage[from..from + size]);
         system.straighten(stage);
-        if !I::HELD {
+        if input.held().is_none() {
             input.at(t + share * dt, u);
         }
         if side == 0 {

@@ -1,6 +1,6 @@
 //! The classical Runge–Kutta method at a fixed step.
 
-use super::{Aligned, Step};
+use super::{Aligned, Steps};
 use crate::dynamics::{Dynamics, Input, Work};
 use crate::scalar::Scalar;
 
@@ -30,42 +30,63 @@ impl<T: Scalar> RungeKutta4<T> {
     }
 }
 
-impl<T: Scalar, I: Input<T>> Work<T> for Step<'_, T, RungeKutta4<T>, I> {
+impl<T: Scalar, I: Input<T>> Work<T> for Steps<'_, T, RungeKutta4<T>, I> {
     type Output = ();
 
     #[inline(always)]
     fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
-        self.input.at(self.t, &mut self.method.input);
-        system.decide(self.x, &self.method.input, self.mode);
+        let (t, dt) = (self.t, self.dt);
         if N == 0 {
             let n = self.x.len();
             let RungeKutta4 {
                 slope,
                 sum,
                 stage,
-                input,
+                input: u,
             } = self.method;
-            let buffers = [&mut slope[..n], &mut sum[..n], &mut stage[..n]];
-            stages(
-                system, self.input, self.t, self.dt, input, self.x, self.mode, buffers,
-            );
+            let (slope, sum, stage) = (&mut slope[..n], &mut sum[..n], &mut stage[..n]);
+            for k in 0..self.count {
+                let (t, buffers) = (
+                    dt.mul_add(k as f64, t),
+                    [&mut *slope, &mut *sum, &mut *stage],
+                );
+                step(system, self.input, t, dt, u, self.x, self.mode, buffers);
+            }
         } else {
             // Arrays of known length need no memory but registers.
             let [mut x, mut slope, mut sum, mut stage] = [Aligned([T::zero(); N]); 4];
             for k in 0..N {
                 x.0[k] = self.x[k];
             }
-            let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
-            let input = &mut self.method.input;
-            stages(
-                system, self.input, self.t, self.dt, input, &mut x.0, self.mode, buffers,
-            );
+            let u = &mut self.method.input;
+            for k in 0..self.count {
+                let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
+                let t = dt.mul_add(k as f64, t);
+                step(system, self.input, t, dt, u, &mut x.0, self.mode, buffers);
+            }
             for k in 0..N {
                 self.x[k] = x.0[k];
             }
         }
-        system.settle(self.x, &self.method.input, self.mode);
     }
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn step<T: Scalar, S: Dynamics<T>, I: Input<T>>(
+    system: &S,
+    input: &I,
+    t: f64,
+    dt: f64,
+    u: &mut [T],
+    x: &mut [T],
+    mode: &mut [T],
+    buffers: [&mut [T]; 3],
+) {
+    input.at(t, u);
+    system.decide(x, u, mode);
+    stages(system, input, t, dt, u, x, mode, buffers);
+    system.settle(x, u, mode);
 }
 
 #[inline(always)]
@@ -89,12 +110,15 @@ fn stages<T: Scalar, S: Dynamics<T>, I: Input<T>>(
         sum[k] = weight * slope[k];
     }
     for i in 1..4 {
-        if !I::HELD {
+        if input.held().is_none() {
             input.at(t + AHEAD[i] * dt, u);
         }
         let ahead = T::from(AHEAD[i] * dt);
-        for k in 0..n {
-            stage[k] = ahead.mul_add(slope[k], x[k]);
+        for part in 0..2 {
+            let (begin, end) = S::READ[part];
+            for k in begin..end.min(n) {
+                stage[k] = ahead.mul_add(slope[k], x[k]);
+            }
         }
         system.derivative(stage, u, mode, slope);
         let weight = T::from(WEIGHT[i] * dt);

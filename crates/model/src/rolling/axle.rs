@@ -90,6 +90,13 @@ impl<T: Scalar> Axle<T> {
     #[inline(always)]
     pub(super) fn act(&self, command: T, brake: T, mode: T, rate: T, current: T) -> Action<T> {
         let mut action = self.resist(brake, mode, rate);
+        self.drive(&mut action, command, current);
+        action
+    }
+
+    /// Adds what the drive does.
+    #[inline(always)]
+    pub(super) fn drive(&self, action: &mut Action<T>, command: T, current: T) {
         match &self.supply {
             Supply::None => {}
             Supply::Torque(limit) => {
@@ -103,6 +110,16 @@ impl<T: Scalar> Axle<T> {
                 action.spend(winding, voltage, winding.steady_current(voltage, emf), emf);
             }
         }
+    }
+
+    /// Viscous friction alone, as of a wheel without any other.
+    #[inline(always)]
+    pub(super) fn roll(&self, rate: T) -> Action<T> {
+        let mut action = Action {
+            rate,
+            ..Action::none()
+        };
+        action.slow(self.viscous);
         action
     }
 
@@ -121,8 +138,7 @@ impl<T: Scalar> Axle<T> {
         } else if let Some(rounding) = self.rounding {
             action.lost = self.bound(brake) * (rate / rounding).tanh();
         }
-        action.lost = self.viscous.mul_add(action.rate, action.lost);
-        action.rubbed = action.lost * action.rate;
+        action.slow(self.viscous);
         action
     }
 }
@@ -144,6 +160,13 @@ impl<T: Scalar> Action<T> {
             gears: zero,
             rubbed: zero,
         }
+    }
+
+    /// Adds viscous friction and counts the heat of all friction.
+    #[inline(always)]
+    fn slow(&mut self, viscous: T) {
+        self.lost = viscous.mul_add(self.rate, self.lost);
+        self.rubbed = self.lost * self.rate;
     }
 
     /// A motor whose current is a state.

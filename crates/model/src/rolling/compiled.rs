@@ -1,7 +1,7 @@
 //! Platforms of constant geometry, multiplied out, with sizes that the compiler knows: no loop of a
 //! step is left to run time. `[eq:constant-geometry]`
 
-use super::axle::{Axle, Supply};
+use super::axle::{Action, Axle, Supply};
 use super::{Rolling, is_zero};
 use crate::drive::Winding;
 use crate::dynamics::{Dynamics, Sizes, Work};
@@ -9,6 +9,7 @@ use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, POSE, Platform, Reduced, YAW, straighten};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, product, zero_row};
+use crate::wheel::Wheel;
 
 /// The equations of a platform of constant geometry: U velocity coordinates, W wheels that take part
 /// in the dynamics, of which all (M = W) or none (M = 0) have the state of a current, and K casters
@@ -30,9 +31,84 @@ pub(super) struct Compiled<T, const U: usize, const W: usize, const M: usize, co
     axles: [Axle<T>; W],
     /// The motors whose currents are states.
     windings: [Winding<T>; M],
-    /// The wheels that take part, and those that follow, as indices.
+    /// The wheels that take part, as indices.
     wheels: [usize; W],
-    casters: [usize; K],
+    followers: [Follower<T>; K],
+}
+
+/// A caster that follows the motion, its divisions multiplied out.
+#[derive(Clone, Copy, Debug)]
+struct Follower<T> {
+    pivot: Vec2<T>,
+    per_trail: T,
+    per_radius: T,
+}
+
+impl<T: Scalar> Follower<T> {
+    fn new(wheel: &Wheel<T>) -> Self {
+        Follower {
+            pivot: wheel.mount,
+            per_trail: T::one() / wheel.trail(),
+            per_radius: T::one() / wheel.radius,
+        }
+    }
+
+    /// γ̇ and φ̇: the contact lies behind the pivot along the wheel plane, so that it moves forward
+    /// as the pivot does.
+    #[inline(always)]
+    fn rates(&self, cos: T, sin: T, velocity: Vec2<T>, yaw_rate: T) -> (T, T) {
+        let forward = vec2(cos, sin);
+        let pivot = velocity + self.pivot.perpendicular() * yaw_rate;
+        let swivel = forward.perpendicular().dot(pivot);
+        (
+            swivel.mul_add(self.per_trail, -yaw_rate),
+            forward.dot(pivot) * self.per_radius,
+        )
+    }
+}
+
+/// Powers of the energy ledger, W.
+struct Bill<T> {
+    supplied: T,
+    windings: T,
+    gears: T,
+    friction: T,
+}
+
+impl<T: Scalar> Bill<T> {
+    #[inline(always)]
+    fn new() -> Self {
+        let zero = T::zero();
+        Bill {
+            supplied: zero,
+            windings: zero,
+            gears: zero,
+            friction: zero,
+        }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, action: &Action<T>) {
+        self.supplied += action.supplied;
+        self.windings += action.windings;
+        self.gears += action.gears;
+        self.friction += action.rubbed;
+    }
+
+    /// Adds what the wrench supplies and writes the rates of the ledger.
+    #[inline(always)]
+    fn close(&mut self, wrench: &Option<[T; 3]>, velocity: Vec2<T>, yaw_rate: T, rates: &mut [T]) {
+        if let Some(outside) = wrench {
+            self.supplied += outside[0].mul_add(
+                velocity.x,
+                outside[1].mul_add(velocity.y, outside[2] * yaw_rate),
+            );
+        }
+        rates[0] = self.supplied;
+        rates[1] = self.windings;
+        rates[2] = self.gears;
+        rates[3] = self.friction;
+    }
 }
 
 /// Sum of products of two short rows.
@@ -59,7 +135,11 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let (dynamic, following): (Vec<usize>, Vec<usize>) =
             (0..layout.wheels).partition(|&i| platform.is_dynamic(i));
         let wheels: [usize; W] = dynamic.try_into().ok()?;
-        let casters: [usize; K] = following.try_into().ok()?;
+        let followers: Vec<Follower<T>> = following
+            .iter()
+            .map(|&i| Follower::new(&platform.wheels()[i]))
+            .collect();
+        let followers: [Follower<T>; K] = followers.try_into().ok()?;
         let motors: Vec<Winding<T>> = wheels
             .iter()
             .filter_map(|&i| match axles[i].supply {
@@ -96,7 +176,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             axles: wheels.map(|i| axles[i].clone()),
             windings,
             wheels,
-            casters,
+            followers,
         }))
     }
 
@@ -105,39 +185,53 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     const SPINS: usize = Self::LEDGER + LEDGER;
     const SWIVELS: usize = Self::SPINS + W + K;
 
-    /// The terms of [`Rolling::forces`], in the order of the data. Loops, not closures: a closure is
-    /// a function of its own, compiled without the instruction set that the step was entered with.
+    /// Velocity coordinates, velocity and yaw rate.
     #[inline(always)]
-    fn derivative(&self, rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
-        let at = POSE;
-        let layout = rolling.platform.layout();
+    fn motion(&self, x: &[T]) -> ([T; U], Vec2<T>, T) {
         let mut v = [T::zero(); U];
         for k in 0..U {
-            v[k] = x[at + k];
+            v[k] = x[POSE + k];
         }
-        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
         let velocity = vec2(along(&self.twist[0], &v), along(&self.twist[1], &v));
-        let yaw_rate = along(&self.twist[2], &v);
-        let brake = u[layout.brake_input()];
+        (v, velocity, along(&self.twist[2], &v))
+    }
+
+    /// The external wrench, where there is one.
+    #[inline(always)]
+    fn wrench<const PLAIN: bool>(&self, rolling: &Rolling<T>, u: &[T]) -> Option<[T; 3]> {
+        if PLAIN {
+            return None;
+        }
+        let at = rolling.platform.layout().wrench_input();
+        let outside = [u[at], u[at + 1], u[at + 2]];
+        let alone = is_zero(outside[0])
+            .and(is_zero(outside[1]))
+            .and(is_zero(outside[2]));
+        alone.not().any().then_some(outside)
+    }
+
+    /// Accelerations by quadratic terms, gravity and the external wrench.
+    #[inline(always)]
+    fn drift<const PLAIN: bool>(
+        &self,
+        rolling: &Rolling<T>,
+        x: &[T],
+        v: &[T; U],
+        yaw_rate: T,
+        wrench: &Option<[T; 3]>,
+    ) -> [T; U] {
         let mut v_rate = [T::zero(); U];
         for k in 0..U {
-            v_rate[k] = -yaw_rate * along(&self.gyro[k], &v);
+            v_rate[k] = -yaw_rate * along(&self.gyro[k], v);
         }
-        // Level ground and hands off are the rule: what they leave out is not computed.
-        if !rolling.is_level {
-            let gravity = rolling.ground.gravity.rotated(cos, -sin);
+        if !PLAIN && !rolling.is_level {
+            let gravity = rolling.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
             for k in 0..U {
                 let weight = self.weight[0][k].mul_add(gravity.x, self.weight[1][k] * gravity.y);
                 v_rate[k] += weight;
             }
         }
-        let at_wrench = layout.wrench_input();
-        let outside = [u[at_wrench], u[at_wrench + 1], u[at_wrench + 2]];
-        let alone = is_zero(outside[0])
-            .and(is_zero(outside[1]))
-            .and(is_zero(outside[2]));
-        let pulled = alone.not().any();
-        if pulled {
+        if let Some(outside) = wrench {
             for k in 0..U {
                 v_rate[k] = self.wrench[0][k].mul_add(
                     outside[0],
@@ -146,24 +240,49 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
                 );
             }
         }
+        v_rate
+    }
+
+    /// The terms of [`Rolling::forces`], in the order of the data. Loops, not closures: a closure is
+    /// a function of its own, compiled without the instruction set that the step was entered with.
+    ///
+    /// On level ground, with hands off and without dry friction, which is the rule, a PLAIN one has
+    /// the same bits and no branches.
+    #[inline(always)]
+    fn derivative<const PLAIN: bool>(
+        &self,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        dx: &mut [T],
+    ) {
+        let (v, velocity, yaw_rate) = self.motion(x);
+        let brake = u[rolling.platform.layout().brake_input()];
+        let wrench = self.wrench::<PLAIN>(rolling, u);
+        let mut v_rate = self.drift::<PLAIN>(rolling, x, &v, yaw_rate, &wrench);
         // Plain products: their sum over two wheels is the same whichever comes first, so that a
         // mirrored robot moves as its mirror image to the last bit.
         let mut pushed = [T::zero(); U];
-        let (mut supplied, mut windings) = (T::zero(), T::zero());
-        let (mut gears, mut friction) = (T::zero(), T::zero());
+        let mut bill = Bill::new();
         let mut sticking = false;
         for w in 0..W {
             let i = self.wheels[w];
             let rate = along(&self.spin[w], &v);
             let axle = &self.axles[w];
-            let action = if M == 0 {
-                axle.act(u[i], brake, mode[i], rate, T::zero())
+            let mut action = if PLAIN {
+                axle.roll(rate)
             } else {
-                let mut action = axle.resist(brake, mode[i], rate);
-                action.drive(&self.windings[w], u[i], x[Self::CURRENTS + w]);
-                action
+                axle.resist(brake, mode[i], rate)
             };
-            sticking |= action.stuck.any();
+            if M == 0 {
+                axle.drive(&mut action, u[i], T::zero());
+            } else {
+                action.drive(&self.windings[w], u[i], x[Self::CURRENTS + w]);
+            }
+            if !PLAIN {
+                sticking |= action.stuck.any();
+            }
             dx[Self::SPINS + w] = action.rate;
             if M > 0 {
                 dx[Self::CURRENTS + w] = action.current_rate;
@@ -172,10 +291,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             for k in 0..U {
                 pushed[k] += self.push[w][k] * net;
             }
-            supplied += action.supplied;
-            windings += action.windings;
-            gears += action.gears;
-            friction += action.rubbed;
+            bill.add(&action);
         }
         for k in 0..U {
             v_rate[k] += pushed[k];
@@ -184,34 +300,31 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             self.hold(rolling, u, mode, &mut v_rate);
         }
         for k in 0..U {
-            dx[at + k] = v_rate[k];
+            dx[POSE + k] = v_rate[k];
         }
         rolling.pose_rates(x, velocity, yaw_rate, dx);
+        self.follow(x, velocity, yaw_rate, dx);
+        bill.close(&wrench, velocity, yaw_rate, &mut dx[Self::LEDGER..]);
+    }
+
+    /// Rates of the casters that follow.
+    #[inline(always)]
+    fn follow(&self, x: &[T], velocity: Vec2<T>, yaw_rate: T, dx: &mut [T]) {
         for k in 0..K {
-            let (i, at) = (self.casters[k], Self::SWIVELS + 3 * k);
-            let frame = rolling.platform.wheels()[i].frame(x[at + 1], x[at + 2]);
-            let rate = rolling.platform.caster_rate(i, &frame, velocity, yaw_rate);
-            dx[at] = rate;
-            dx[at + 1] = -(x[at + 2] * rate);
-            dx[at + 2] = x[at + 1] * rate;
-            dx[Self::SPINS + W + k] = rolling.platform.spin_rate(i, &frame, velocity, yaw_rate);
+            let at = Self::SWIVELS + 3 * k;
+            let (cos, sin) = (x[at + 1], x[at + 2]);
+            let (swivel, spin) = self.followers[k].rates(cos, sin, velocity, yaw_rate);
+            dx[at] = swivel;
+            dx[at + 1] = -(sin * swivel);
+            dx[at + 2] = cos * swivel;
+            dx[Self::SPINS + W + k] = spin;
         }
-        if pulled {
-            supplied += outside[0].mul_add(
-                velocity.x,
-                outside[1].mul_add(velocity.y, outside[2] * yaw_rate),
-            );
-        }
-        dx[Self::LEDGER] = supplied;
-        dx[Self::LEDGER + 1] = windings;
-        dx[Self::LEDGER + 2] = gears;
-        dx[Self::LEDGER + 3] = friction;
     }
 
     /// Keeps the sticking wheels at rest.
     #[inline(never)]
     fn hold(&self, rolling: &Rolling<T>, u: &[T], mode: &[T], v_rate: &mut [T; U]) {
-        let Some((reduced, inverse)) = &rolling.constant else {
+        let Some(constant) = &rolling.constant else {
             return;
         };
         let mut stuck = [T::Mask::splat(false); MAX_WHEELS];
@@ -220,29 +333,43 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             let brake = u[rolling.platform.layout().brake_input()];
             stuck[i] = axle.sticks(mode[i], axle.bound(brake));
         }
-        let mut mobility = Mobility::new(U, inverse);
+        let mut mobility = Mobility::new(U, &constant.inverse);
         let still = [T::zero(); MAX_WHEELS];
-        rolling.hold(reduced, &stuck, &still, &mut mobility, v_rate);
+        rolling.hold(&constant.reduced, &stuck, &still, &mut mobility, v_rate);
     }
 }
 
-/// A [`Rolling`] whose sizes the compiler knows.
-struct Twin<'a, T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize> {
+/// A [`Rolling`] whose sizes the compiler knows, PLAIN as for [`Compiled::derivative`].
+struct Twin<
+    'a,
+    T: Scalar,
+    const U: usize,
+    const W: usize,
+    const M: usize,
+    const K: usize,
+    const PLAIN: bool,
+> {
     rolling: &'a Rolling<T>,
     compiled: &'a Compiled<T, U, W, M, K>,
 }
 
-impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize> Dynamics<T>
-    for Twin<'_, T, U, W, M, K>
+impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, const PLAIN: bool>
+    Dynamics<T> for Twin<'_, T, U, W, M, K, PLAIN>
 {
     const STIFF: usize = POSE;
+    // Heading, velocities and currents; the angles of the casters.
+    const READ: [(usize, usize); 2] = [
+        (0, POSE + U + M),
+        (Compiled::<T, U, W, M, K>::SWIVELS, usize::MAX),
+    ];
 
     fn sizes(&self) -> Sizes {
         self.rolling.sizes()
     }
     #[inline(always)]
     fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
-        self.compiled.derivative(self.rolling, x, u, mode, dx);
+        self.compiled
+            .derivative::<PLAIN>(self.rolling, x, u, mode, dx);
     }
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
         self.rolling.output(x, u, mode, y);
@@ -307,19 +434,29 @@ macro_rules! shapes {
                 dx: &mut [T],
             ) {
                 match self {
-                    $(Shape::$name(compiled) => compiled.derivative(rolling, x, u, mode, dx),)*
+                    $(Shape::$name(compiled) => {
+                        compiled.derivative::<false>(rolling, x, u, mode, dx)
+                    })*
                 }
             }
 
-            /// Works on the twin of `rolling`.
+            /// Works on the twin of `rolling` under an input.
             #[inline(always)]
-            pub(super) fn work<J: Work<T>>(&self, rolling: &Rolling<T>, job: J) -> J::Output {
+            pub(super) fn work<J: Work<T>>(
+                &self,
+                rolling: &Rolling<T>,
+                u: &[T],
+                job: J,
+            ) -> J::Output {
+                let plain = rolling.is_plain(u);
                 match self {
-                    $(Shape::$name(compiled) => job.run::<
-                        { POSE + $u + $m + LEDGER + $w + $k + 3 * $k },
-                        { $u + $m },
-                        _,
-                    >(&Twin { rolling, compiled }),)*
+                    $(Shape::$name(compiled) => if plain {
+                        let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    } else {
+                        let twin = Twin::<_, $u, $w, $m, $k, false> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    },)*
                 }
             }
         }

@@ -2,11 +2,11 @@
 
 use super::{Forces, Rolling};
 use crate::planar::{Vec2, vec2};
-use crate::platform::{MAX_WHEELS, Reduced};
+use crate::platform::{MAX_WHEELS, Platform, Reduced};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Row, dot, solve_semidefinite};
 use crate::support::Support;
-use crate::wheel::Steering;
+use crate::wheel::{Steering, WheelFrame};
 
 impl<T: Scalar> Rolling<T> {
     /// Force of the ground on each wheel along its rolling direction (or roller axis) and along its
@@ -55,17 +55,25 @@ impl<T: Scalar> Rolling<T> {
         let mut side = [[T::zero(); 3]; MAX_WHEELS];
         let mut shared = [false; MAX_WHEELS];
         for i in 0..layout.wheels {
+            if !self.platform.is_dynamic(i) {
+                // Without mass and loss it passes no force on.
+                continue;
+            }
             let wheel = &self.platform.wheels()[i];
             let frame = self.platform.wheel_frame(i, x);
-            let rolling = wheel.rolling_row(&frame);
-            let swivel = self.platform.swivel_row(i, &frame);
-            let steering_rate = dot(n, &swivel, v);
-            let convective = self
-                .platform
-                .convective(i, &frame, velocity, yaw_rate, steering_rate);
-            let steering_accel = dot(n, &swivel, v_rate) + convective.swivel;
-            let spin = self.platform.spin_row(i, &frame);
-            let spin_accel = dot(n, &spin, v_rate) + convective.spin;
+            let rolling = self.platform.rolling_row(i, &frame);
+            let mut steering_rate = T::zero();
+            let mut steering_accel = T::zero();
+            let mut spin_accel = dot(n, &reduced.spin[i], v_rate);
+            if wheel.swivels() {
+                let swivel = &reduced.swivel[i];
+                steering_rate = dot(n, swivel, v);
+                let convective =
+                    self.platform
+                        .convective(i, &frame, velocity, yaw_rate, steering_rate);
+                steering_accel = dot(n, swivel, v_rate) + convective.swivel;
+                spin_accel += convective.spin;
+            }
             // The wheel's mass: V + ωΩr − dγ̇n, of which `needed_at` holds the part without γ̇.
             let trail = wheel.trail();
             let swept = frame.left * (-(trail * steering_rate));
@@ -97,27 +105,23 @@ impl<T: Scalar> Rolling<T> {
                 }
                 Steering::Fixed { .. } | Steering::Driven if wheel.is_plain() => {
                     shared[i] = true;
-                    side[i] = [frame.left.x, frame.left.y, frame.contact.cross(frame.left)];
+                    side[i] = side_row(&frame);
                 }
                 Steering::Fixed { .. } | Steering::Driven => {}
             }
         }
         // The rest falls to the side forces of fixed and steered wheels: the smallest that do it.
-        let mut normal = [[T::zero(); 3]; 3];
-        for row in &side[..layout.wheels] {
-            for a in 0..3 {
-                for b in 0..3 {
-                    normal[a][b] = row[a].mul_add(row[b], normal[a][b]);
-                }
+        let needed = [force.x, force.y, moment];
+        let z = match &self.constant {
+            Some(constant) => {
+                let shares = &constant.sideways;
+                [0, 1, 2].map(|a| {
+                    let turned = shares[a][2] * needed[2];
+                    shares[a][0].mul_add(needed[0], shares[a][1].mul_add(needed[1], turned))
+                })
             }
-        }
-        let trace = normal[0][0] + normal[1][1] + normal[2][2];
-        let z = solve_semidefinite(
-            3,
-            normal,
-            [force.x, force.y, moment],
-            trace * T::from(1e-12) + T::from(f64::MIN_POSITIVE),
-        );
+            None => least_side_forces(&side[..layout.wheels], needed),
+        };
         for i in 0..layout.wheels {
             if shared[i] {
                 lateral[i] = side[i][0].mul_add(z[0], side[i][1].mul_add(z[1], side[i][2] * z[2]));
@@ -144,12 +148,15 @@ impl<T: Scalar> Rolling<T> {
         let mut height = body.com_height * body.mass;
         let mut force = Vec2::zero();
         for i in 0..self.platform.layout().wheels {
+            if !self.platform.is_dynamic(i) {
+                continue;
+            }
             let wheel = &self.platform.wheels()[i];
             let frame = self.platform.wheel_frame(i, x);
             mass += wheel.mass;
             moment = moment + frame.contact * wheel.mass;
             height = wheel.mass.mul_add(wheel.radius, height);
-            let rolling = wheel.rolling_row(&frame);
+            let rolling = self.platform.rolling_row(i, &frame);
             force = force + rolling.direction * longitudinal[i] + frame.left * lateral[i];
         }
         let weight = mass * self.ground.gravity_normal;
@@ -157,6 +164,44 @@ impl<T: Scalar> Rolling<T> {
         let point = Support::zero_moment_point(weight, center, height / mass, force);
         (support.loads(weight, point), support.margin(point))
     }
+}
+
+/// Force and moment about P of a unit side force on a wheel.
+#[inline(always)]
+fn side_row<T: Scalar>(frame: &WheelFrame<T>) -> [T; 3] {
+    [frame.left.x, frame.left.y, frame.contact.cross(frame.left)]
+}
+
+/// z for which the side forces sideᵢ · z have these force and moment and are the smallest.
+#[inline(always)]
+fn least_side_forces<T: Scalar>(side: &[[T; 3]], needed: [T; 3]) -> [T; 3] {
+    let mut normal = [[T::zero(); 3]; 3];
+    for row in side {
+        for a in 0..3 {
+            for b in 0..3 {
+                normal[a][b] = row[a].mul_add(row[b], normal[a][b]);
+            }
+        }
+    }
+    let trace = normal[0][0] + normal[1][1] + normal[2][2];
+    let floor = trace * T::from(1e-12) + T::from(f64::MIN_POSITIVE);
+    solve_semidefinite(3, normal, needed, floor)
+}
+
+/// The matrix of [`least_side_forces`] of a platform whose geometry does not change.
+pub(super) fn side_forces<T: Scalar>(platform: &Platform<T>) -> [[T; 3]; 3] {
+    let x = vec![T::zero(); platform.layout().state()];
+    let side: Vec<[T; 3]> = platform
+        .wheels()
+        .iter()
+        .enumerate()
+        .filter(|(_, wheel)| !wheel.swivels() && wheel.is_plain())
+        .map(|(i, _)| side_row(&platform.wheel_frame(i, &x)))
+        .collect();
+    let (zero, one) = (T::zero(), T::one());
+    let columns = [[one, zero, zero], [zero, one, zero], [zero, zero, one]]
+        .map(|unit| least_side_forces(&side, unit));
+    core::array::from_fn(|a| core::array::from_fn(|b| columns[b][a]))
 }
 
 /// Motion of the base and the gravity that it feels, base axes.
