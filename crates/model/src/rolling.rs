@@ -685,8 +685,8 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     #[inline(always)]
     fn specialised<J: Work<T>>(&self, u: &[T], job: J) -> J::Output {
         match &self.shape {
-            Some(shape) => shape.work(self, u, job),
-            None => job.run::<0, 0, _>(self),
+            Some(shape) if T::TWINS => shape.work(self, u, job),
+            _ => job.run::<0, 0, _>(self),
         }
     }
 

@@ -45,6 +45,9 @@ pub trait Scalar:
     /// Number of lanes; 1 for `f64`.
     const LANES: usize;
 
+    /// Whether integrators are compiled size by size for it: fast, and large.
+    const TWINS: bool = false;
+
     /// Builds a number from the value of each lane; derivatives are zero.
     fn from_lanes(value: impl FnMut(usize) -> f64) -> Self;
 
@@ -197,6 +200,7 @@ impl Scalar for f64 {
     type Mask = bool;
 
     const LANES: usize = 1;
+    const TWINS: bool = true;
 
     #[inline(always)]
     fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {

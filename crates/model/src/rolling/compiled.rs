@@ -450,7 +450,8 @@ macro_rules! shapes {
             ) -> J::Output {
                 let plain = rolling.is_plain(u);
                 match self {
-                    $(Shape::$name(compiled) => if plain {
+                    // A twin for motors is worth its size twice, one for torques once.
+                    $(Shape::$name(compiled) => if $m > 0 && plain {
                         let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
                     } else {

@@ -1,7 +1,6 @@
 //! Inverse dynamics: forward of inverse returns the motion.
 
-mod common;
-
+use crate::common::{Differential, SLEIGH};
 use appell_model::drive::Drive;
 use appell_model::dynamics::Input;
 use appell_model::ground::Ground;
@@ -13,7 +12,6 @@ use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_model::solve::{MAX_DOF, Row};
 use appell_model::wheel::{Rim, Steering, Wheel};
-use common::{Differential, SLEIGH};
 
 fn wheel(name: &str, mount: [f64; 2], steering: Steering<f64>, rim: Rim<f64>) -> Wheel<f64> {
     let like = SLEIGH.platform().wheels()[0].clone();

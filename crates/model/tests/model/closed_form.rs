@@ -2,14 +2,12 @@
 #![allow(clippy::disallowed_methods)] // The truth is computed by other means than the model.
 #![allow(clippy::excessive_precision)] // Golden numbers have more digits than a double.
 
-mod common;
-
+use crate::common::{Differential, Method, SLEIGH, integrate};
 use appell_model::dynamics::{Dynamics, Input};
 use appell_model::ground::Ground;
 use appell_model::integrate::Adaptive;
 use appell_model::kinematic::Kinematic;
 use appell_model::platform::{WheelOutput, YAW};
-use common::{Differential, Method, SLEIGH, integrate};
 
 /// Exact speed, yaw rate and heading of the torque-free robot with its centre of mass off the axle.
 fn sleigh(robot: &Differential, v0: f64, w0: f64, heading0: f64, t: f64) -> [f64; 3] {

@@ -1,5 +1,4 @@
 //! Robots and loops that several tests share.
-#![allow(dead_code)]
 
 use appell_model::drive::{DcMotor, Drive};
 use appell_model::dynamics::{Dynamics, Held};

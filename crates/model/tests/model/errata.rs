@@ -6,15 +6,13 @@
 //! granted corrected, so that each test convicts one.
 #![allow(clippy::disallowed_methods)] // The truth is computed by other means than the model.
 
-mod common;
-
+use crate::common::{Differential, Method, SLEIGH, integrate};
 use appell_model::drive::{DcMotor, Drive};
 use appell_model::dynamics::Dynamics;
 use appell_model::ground::Ground;
 use appell_model::kinematic::Kinematic;
 use appell_model::planar::{Vec2, vec2};
 use appell_model::platform::{WheelOutput, YAW};
-use common::{Differential, Method, SLEIGH, integrate};
 
 /// A published form misses its check by more than this part of the terms.
 const MARGIN: f64 = 1e-2;

@@ -1,7 +1,6 @@
 //! What must hold whatever the numbers: energy, frames, mirrors, time reversal, parity of scalars.
 
-mod common;
-
+use crate::common::{Differential, Method, SLEIGH, integrate, motor};
 use appell_model::drive::Drive;
 use appell_model::dual::Dual;
 use appell_model::dynamics::{Dynamics, Held};
@@ -13,7 +12,6 @@ use appell_model::platform::{Platform, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_model::wheel::contact_velocity;
-use common::{Differential, Method, SLEIGH, integrate, motor};
 
 fn driven() -> Differential {
     Differential {

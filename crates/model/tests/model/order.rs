@@ -1,11 +1,9 @@
 //! Measured orders of the integrators, and what the exponential one does where RK4 fails.
 
-mod common;
-
+use crate::common::{Differential, Method, SLEIGH, integrate, motor, slope};
 use appell_model::dynamics::Dynamics;
 use appell_model::ground::Ground;
 use appell_model::integrate::{Adaptive, Exponential, RungeKutta4, spectral_radius};
-use common::{Differential, Method, SLEIGH, integrate, motor, slope};
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter()

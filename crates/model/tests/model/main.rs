@@ -1,0 +1,10 @@
+//! Tests of the models, in one binary: the integrators are large, and are compiled once.
+
+mod closed_form;
+mod common;
+mod errata;
+mod errata_more;
+mod invariants;
+mod inverse;
+mod order;
+mod random_platforms;
