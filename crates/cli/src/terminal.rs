@@ -4,7 +4,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use appell_sim::run::{Metric, Outcome, Summary};
+use appell_sim::run::{Metric, Outcome, StatisticsTable, Summary};
 
 use crate::arguments::Color;
 
@@ -133,6 +133,33 @@ pub fn summary(summary: &Summary) -> String {
             text.push_str(row.trim_end());
             text.push('\n');
         }
+    }
+    for table in &summary.statistics {
+        text.push_str(&statistics(table));
+    }
+    text
+}
+
+/// A table of mean and standard deviation.
+fn statistics(table: &StatisticsTable) -> String {
+    let samples = match table.samples {
+        0 => String::new(),
+        samples => format!(" · {samples} samples"),
+    };
+    let names = table.rows.iter().map(|row| row.signal.chars().count());
+    let width = names.max().unwrap_or(0).max(8);
+    let mut text = styled(&format!("{}{samples}", table.name), "1");
+    text.push_str(&format!("\n  {:width$} {:>14} {:>14}\n", "", "mean", "std"));
+    let digits = table.decimals as usize;
+    let number = |value: Option<f64>| match value {
+        Some(value) => format!("{value:.digits$}"),
+        None => "-".into(),
+    };
+    for row in &table.rows {
+        let (mean, std) = (number(row.mean), number(row.std));
+        let line = format!("  {:width$} {mean:>14} {std:>14} {}", row.signal, row.unit);
+        text.push_str(line.trim_end());
+        text.push('\n');
     }
     text
 }

@@ -1,11 +1,12 @@
 //! Level `kinematic`: the rates of the driven wheels command the twist. `[eq:kinematic]`
 //!
-//! The twist is the one whose wheel rates are closest to the commanded ones (least squares), and
-//! exactly theirs where the commands agree with one another. Base frame; rates in rad/s.
+//! Driven wheels turn as commanded. The twist is the one whose wheel rates are closest to theirs
+//! (least squares), and exactly theirs where the commands agree with one another; what is left is
+//! the internal slip. Base frame; rates in rad/s.
 
 use crate::drive::Drive;
 use crate::dynamics::{Dynamics, Sizes};
-use crate::platform::{LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
+use crate::platform::{BODY_OUTPUTS, LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{
     Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row,
@@ -122,6 +123,21 @@ impl<T: Scalar> Kinematic<T> {
         v
     }
 
+    /// φ̇ of wheel i: as commanded, or as it rolls.
+    #[inline(always)]
+    fn spin(&self, i: usize, x: &[T], u: &[T], v: &Row<T>) -> T {
+        if matches!(self.platform.wheels()[i].drive, Drive::None) {
+            let frame = self.platform.wheel_frame(i, x);
+            dot(
+                self.platform.layout().dof(),
+                &self.platform.spin_row(i, &frame),
+                v,
+            )
+        } else {
+            self.rate(i, u)
+        }
+    }
+
     /// Commanded rate of wheel i within the limit of its drive, rad/s.
     #[inline(always)]
     fn rate(&self, i: usize, u: &[T]) -> T {
@@ -189,8 +205,7 @@ impl<T: Scalar> Dynamics<T> for Kinematic<T> {
             dx[at + 2] = x[at + 1] * rate;
         }
         for i in 0..layout.wheels {
-            let frame = self.platform.wheel_frame(i, x);
-            dx[layout.spin(i)] = dot(n, &self.platform.spin_row(i, &frame), &v);
+            dx[layout.spin(i)] = self.spin(i, x, u, &v);
         }
         // Wheels that turn as commanded have no momentum and use no energy.
         for rate in &mut dx[layout.velocity()..layout.ledger() + LEDGER] {
@@ -209,13 +224,17 @@ impl<T: Scalar> Dynamics<T> for Kinematic<T> {
         y[0] = velocity.x;
         y[1] = velocity.y;
         y[2] = yaw_rate;
+        let mut square = T::zero();
         for i in 0..layout.wheels {
             let frame = self.platform.wheel_frame(i, x);
-            y[layout.wheel_output(i, WheelOutput::SpinRate)] =
-                dot(n, &self.platform.spin_row(i, &frame), &v);
+            let rate = self.spin(i, x, u, &v);
+            let left = rate - dot(n, &self.platform.spin_row(i, &frame), &v);
+            square = left.mul_add(left, square);
+            y[layout.wheel_output(i, WheelOutput::SpinRate)] = rate;
             y[layout.wheel_output(i, WheelOutput::SteeringRate)] =
                 dot(n, &self.platform.swivel_row(i, &frame), &v);
         }
+        y[BODY_OUTPUTS - 1] = square.sqrt();
     }
 
     fn decide(&self, _x: &[T], _u: &[T], _mode: &mut [T]) {}

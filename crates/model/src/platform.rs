@@ -90,7 +90,9 @@ pub const YAW: usize = 2;
 pub(crate) const POSE: usize = 5;
 /// Entries of the energy ledger: supplied, heat of windings, heat of gears, heat of friction, J.
 pub const LEDGER: usize = 4;
-/// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy, tip-over margin.
+/// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy, and last the
+/// tip-over margin, m (level `rolling`), or the internal slip: the norm of the wheel rates less those
+/// of rolling, rad/s (level `kinematic`).
 pub const BODY_OUTPUTS: usize = 7;
 /// Outputs of each wheel, see [`WheelOutput`].
 pub const WHEEL_OUTPUTS: usize = 7;

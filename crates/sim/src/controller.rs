@@ -7,6 +7,7 @@ use appell_model::math::single::sin_cos;
 use appell_model::math::wrap_angle;
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
+use crate::noise::Stream;
 use crate::plan::{Path, SpeedLimits};
 use crate::scenario::{Follower as Tuning, PoseSource, Signal as SignalFile};
 use crate::signal::Signal as SignalName;
@@ -118,6 +119,11 @@ fn formula_at(formula: &SignalFile, t: f64) -> f64 {
             phase_deg,
             offset,
         } => offset + amplitude * (2.0 * phase(t, *period, *phase_deg) - 1.0),
+        SignalFile::Stairs { at, values } => {
+            // A tick's time may lie an ulp before the decimal that is meant.
+            let reached = at.partition_point(|&from| from <= t + 1e-12 * t.abs().max(1.0));
+            values[reached.max(1) - 1]
+        }
         // Tables are read when the controller is built.
         SignalFile::Table { .. } => 0.0,
     }
@@ -212,6 +218,78 @@ impl Block for Signals {
     ) -> Result<(), BlockError> {
         for (k, waveform) in self.waveforms.iter().enumerate() {
             output[k] = waveform.at(t);
+        }
+        Ok(())
+    }
+    fn save(&self, _bytes: &mut Vec<u8>) {}
+    fn restore(&mut self, _bytes: &[u8]) -> Option<usize> {
+        Some(0)
+    }
+}
+
+/// Where the noise of a wheel comes from.
+#[derive(Clone, Debug)]
+pub enum NoiseSource {
+    /// Normal deviates, a new one in each period.
+    Normal {
+        /// The stream, keyed by the noise's path.
+        stream: Stream,
+        /// Mean.
+        mean: f64,
+        /// Standard deviation.
+        std: f64,
+    },
+    /// A signal of time.
+    Given(Waveform),
+}
+
+/// Adds noise to the commands of drives.
+pub struct WheelNoise {
+    inputs: Vec<Port>,
+    /// Of each wheel, the command and the noise in it.
+    outputs: Vec<Port>,
+    sources: Vec<NoiseSource>,
+}
+
+impl WheelNoise {
+    /// For each wheel: the port that is read, the command, the noise, and its source.
+    pub fn new(wheels: Vec<([Port; 3], NoiseSource)>) -> Self {
+        let (mut inputs, mut outputs, mut sources) = (Vec::new(), Vec::new(), Vec::new());
+        for ([wanted, command, noise], source) in wheels {
+            inputs.push(wanted);
+            outputs.extend([command, noise]);
+            sources.push(source);
+        }
+        WheelNoise {
+            inputs,
+            outputs,
+            sources,
+        }
+    }
+}
+
+impl Block for WheelNoise {
+    fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+    fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+    fn step(
+        &mut self,
+        tick: u64,
+        t: f64,
+        _dt: f64,
+        input: &[f64],
+        output: &mut [f64],
+    ) -> Result<(), BlockError> {
+        for (k, source) in self.sources.iter().enumerate() {
+            let noise = match source {
+                NoiseSource::Normal { stream, mean, std } => mean + std * stream.normals(tick)[0],
+                NoiseSource::Given(waveform) => waveform.at(t),
+            };
+            output[2 * k] = input[k] + noise;
+            output[2 * k + 1] = noise;
         }
         Ok(())
     }

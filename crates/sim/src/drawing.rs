@@ -49,6 +49,7 @@ pub(crate) fn drawing(
             "friction": friction,
         },
         "robots": robots,
+        "statistics": scenario.statistics,
     })
 }
 

@@ -6,13 +6,38 @@ use serde_json::Value;
 
 use crate::judge::Judge;
 use crate::record::{Event, Header, RecordError, Recorder};
-use crate::run::Metric;
+use crate::run::{Metric, StatisticsRow, StatisticsTable};
 use crate::scenario::{Scenario, Terrain};
 
 /// A recorder that passes everything on and measures on the way.
 pub(crate) struct Meter<'a> {
     inner: &'a mut dyn Recorder,
     robots: Vec<Gauge>,
+    differences: Vec<Vec<Spread>>,
+}
+
+/// Running mean and sum of squares of a difference of two columns (B. P. Welford, *Note on a method
+/// for calculating corrected sums of squares and products*, Technometrics 4(3) 1962).
+struct Spread {
+    columns: [usize; 2],
+    unit: String,
+    count: u64,
+    mean: f64,
+    squares: f64,
+}
+
+impl Spread {
+    fn add(&mut self, value: f64) {
+        self.count += 1;
+        let before = value - self.mean;
+        self.mean += before / self.count as f64;
+        self.squares += before * (value - self.mean);
+    }
+
+    /// Standard deviation of the values themselves.
+    fn std(&self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
 }
 
 /// Running figures of one robot, from the recorded rows.
@@ -75,6 +100,12 @@ impl Place {
     }
 }
 
+/// The quotient, if it is a number.
+fn divided(a: Option<f64>, b: Option<f64>) -> Option<f64> {
+    let quotient = a? / b?;
+    quotient.is_finite().then_some(quotient)
+}
+
 impl<'a> Meter<'a> {
     /// Finds the columns of what it measures.
     pub(crate) fn new(inner: &'a mut dyn Recorder, scenario: &Scenario, header: &Header) -> Self {
@@ -134,7 +165,85 @@ impl<'a> Meter<'a> {
                 gauge
             })
             .collect();
-        Meter { inner, robots }
+        let column = |robot: &str, signal: &str| {
+            let path = format!("robot.{robot}.{signal}");
+            header.signals.iter().position(|s| s.path == path)
+        };
+        let mut differences = Vec::new();
+        for wanted in scenario.statistics.iter() {
+            differences.extend(wanted.difference.iter().map(|difference| {
+                let spread = |signal: &String| {
+                    let columns = [&difference.of, &difference.minus].map(|robot| {
+                        column(robot, signal).expect("checked when the run was built")
+                    });
+                    Spread {
+                        columns,
+                        unit: header.signals[columns[0]].unit.clone(),
+                        count: 0,
+                        mean: 0.0,
+                        squares: 0.0,
+                    }
+                };
+                wanted.signals.iter().map(spread).collect()
+            }));
+        }
+        Meter {
+            inner,
+            robots,
+            differences,
+        }
+    }
+
+    /// The tables that the scenario asks for.
+    pub(crate) fn statistics(&self, scenario: &Scenario) -> Vec<StatisticsTable> {
+        let Some(wanted) = &scenario.statistics else {
+            return Vec::new();
+        };
+        let mut tables: Vec<StatisticsTable> = Vec::new();
+        for (difference, spreads) in wanted.difference.iter().zip(&self.differences) {
+            let rows = wanted.signals.iter().zip(spreads);
+            tables.push(StatisticsTable {
+                name: difference.name.clone(),
+                samples: spreads[0].count,
+                decimals: wanted.decimals,
+                rows: rows
+                    .map(|(signal, spread)| StatisticsRow {
+                        signal: signal.clone(),
+                        unit: spread.unit.clone(),
+                        mean: Some(spread.mean),
+                        std: Some(spread.std()),
+                    })
+                    .collect(),
+            });
+        }
+        for ratio in &wanted.ratio {
+            let row = |name: &str, signal: &String| {
+                let table = tables.iter().find(|table| table.name == name);
+                let rows = &table.expect("checked").rows;
+                let row = rows.iter().find(|row| row.signal == *signal);
+                row.expect("checked").clone()
+            };
+            let rows = ratio
+                .signals
+                .iter()
+                .map(|signal| {
+                    let (of, by) = (row(&ratio.of, signal), row(&ratio.by, signal));
+                    StatisticsRow {
+                        signal: signal.clone(),
+                        unit: String::new(),
+                        mean: divided(of.mean, by.mean),
+                        std: divided(of.std, by.std),
+                    }
+                })
+                .collect();
+            tables.push(StatisticsTable {
+                name: ratio.name.clone(),
+                samples: 0,
+                decimals: wanted.decimals,
+                rows,
+            });
+        }
+        tables
     }
 
     /// The figures of a robot, in the order in which they are shown.
@@ -286,6 +395,10 @@ impl Recorder for Meter<'_> {
     }
 
     fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
+        for spread in self.differences.iter_mut().flatten() {
+            let [of, minus] = spread.columns;
+            spread.add(row[of] - row[minus]);
+        }
         for gauge in &mut self.robots {
             gauge.rows += 1.0;
             if let Some([forward, left]) = gauge.speeds {

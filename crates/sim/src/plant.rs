@@ -8,7 +8,7 @@ use appell_model::integrate::{
 use appell_model::kinematic::Kinematic;
 use appell_model::math::hypot;
 use appell_model::planar::vec2;
-use appell_model::platform::{LEDGER, Layout, Platform, WheelOutput, YAW};
+use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 
 use crate::block::{Block, BlockError, Detail, Port, restore_numbers, save_numbers};
@@ -120,6 +120,15 @@ impl Plant {
         let (inputs, mut outputs) = ports(&prefix, &platform, level);
         let system = match level {
             Level::Kinematic => {
+                // More wheels commanded than directions to go: they may disagree.
+                let driven = (0..layout.wheels)
+                    .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some());
+                if driven.count() > layout.eta {
+                    outputs.push(Port {
+                        path: format!("{prefix}.internal_slip"),
+                        unit: "rad/s".into(),
+                    });
+                }
                 System::Kinematic(Box::new(Kinematic::new(platform).ok_or(PlantError {
                     field: "level",
                     problem:
@@ -416,12 +425,18 @@ impl Block for Plant {
                 swivel += 1;
             }
         }
-        let System::Rolling(rolling) = &self.system else {
-            return;
-        };
         if detail == Detail::Motion {
             return;
         }
+        let rolling = match &self.system {
+            System::Rolling(rolling) => rolling,
+            System::Kinematic(_) => {
+                if self.commands.len() > layout.eta {
+                    put(y[BODY_OUTPUTS - 1]);
+                }
+                return;
+            }
+        };
         for (i, wheel) in rolling.platform().wheels().iter().enumerate() {
             if command_signal(&wheel.drive).is_some() {
                 put(y[layout.wheel_output(i, WheelOutput::Torque)]);

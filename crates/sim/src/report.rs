@@ -183,10 +183,12 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
     let extra = &header.extra;
     let robots = extra["robots"].as_array().cloned().unwrap_or_default();
     let mut derived = Map::new();
-    let plots: Vec<Value> = robots
-        .iter()
-        .flat_map(|robot| robot_plots(recording, robot, extra, robots.len() > 1, &mut derived))
-        .collect();
+    let mut plots = difference_plots(recording, &extra["statistics"], &mut derived);
+    plots.extend(
+        robots
+            .iter()
+            .flat_map(|robot| robot_plots(recording, robot, extra, robots.len() > 1, &mut derived)),
+    );
     let mut signals = Map::new();
     for (signal, column) in header.signals.iter().zip(&recording.columns) {
         if is_drawn(&signal.path, &plots) {
@@ -247,6 +249,7 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
         "signals": signals,
         "events": events,
         "metrics": metrics,
+        "statistics": summary.statistics,
         "plots": plots,
         "comparison": Value::Null,
     })
@@ -317,6 +320,64 @@ fn is_drawn(path: &str, plots: &[Value]) -> bool {
         })
     };
     body || wheel || plotted()
+}
+
+/// Plots of the differences that statistics are made of: signals of one unit together.
+fn difference_plots(
+    recording: &Recording,
+    statistics: &Value,
+    derived: &mut Map<String, Value>,
+) -> Vec<Value> {
+    let mut plots: Vec<Value> = Vec::new();
+    let texts = |value: &Value| -> Vec<String> {
+        let all = value.as_array().into_iter().flatten();
+        all.filter_map(|text| text.as_str().map(str::to_owned))
+            .collect()
+    };
+    let signals = texts(&statistics["signals"]);
+    for difference in statistics["difference"].as_array().into_iter().flatten() {
+        let text = |key: &str| difference[key].as_str().unwrap_or_default();
+        let mut units: Vec<(String, Vec<Value>)> = Vec::new();
+        for signal in &signals {
+            let path = |robot: &str| format!("robot.{robot}.{signal}");
+            let (of, minus) = (path(text("of")), path(text("minus")));
+            let (Some(a), Some(b)) = (recording.column(&of), recording.column(&minus)) else {
+                continue;
+            };
+            let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+            let known = recording.header.signals.iter().find(|s| s.path == of);
+            let unit = known.map_or("", |signal| &signal.unit).to_owned();
+            let name = format!("difference.{}.{signal}", text("name"));
+            derived.insert(
+                name.clone(),
+                json!({"unit": unit, "values": rounded(&apart)}),
+            );
+            // The wheel, or the axis.
+            let parts: Vec<&str> = signal.split('.').collect();
+            let label = match parts.as_slice() {
+                ["wheel", wheel, ..] => wheel,
+                [.., last] => last,
+                [] => "",
+            };
+            let line = json!({"signal": name, "label": label, "role": "other"});
+            match units.iter_mut().find(|(known, _)| *known == unit) {
+                Some((_, lines)) => lines.push(line),
+                None => units.push((unit, vec![line])),
+            }
+        }
+        for (unit, lines) in units {
+            let what = match unit.as_str() {
+                "m" => "position",
+                "rad" => "angle",
+                "m/s" => "speed",
+                "rad/s" => "rate",
+                _ => "value",
+            };
+            let title = format!("{}: {what}", text("name"));
+            plots.push(json!({"title": title, "unit": unit, "lines": lines, "limits": []}));
+        }
+    }
+    plots
 }
 
 /// The plots that matter for a robot and its task.
@@ -400,6 +461,15 @@ fn robot_plots(
         turning.push(line("command.yaw_rate", "command", "command"));
     }
     plot("yaw rate", "rad/s", turning, json!({}));
+    let noise = each_wheel("noise");
+    let unit = noise
+        .first()
+        .and_then(|line| {
+            let path = line["signal"].as_str()?;
+            recording.header.signals.iter().find(|s| s.path == path)
+        })
+        .map_or("", |signal| &signal.unit);
+    plot("noise on the command", unit, noise, json!({}));
     plot("motor voltage", "V", each_wheel("voltage"), json!({}));
     if has("path.offset") {
         plot(

@@ -1,20 +1,22 @@
 //! A run: a scenario becomes a world, the world steps, recorders listen, and a summary remains.
 
+use appell_model::wheel::Wheel;
 use serde::{Deserialize, Serialize};
 
 use crate::block::Block;
 use crate::build;
-use crate::controller::{PathFollower, Signals, Waveform, read_table};
+use crate::controller::{NoiseSource, PathFollower, Signals, Waveform, WheelNoise, read_table};
 use crate::drawing::drawing;
 use crate::judge::{Judge, Verdict};
 use crate::layout::Goal;
 use crate::meter::Meter;
+use crate::noise::Stream;
 use crate::plan::{self, Path};
 use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::record::{Header, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Signal,
-    Steering,
+    Statistics, Steering,
 };
 use crate::servo::Servo;
 use crate::world::{RobotBlocks, SimError, World};
@@ -91,6 +93,35 @@ pub struct Summary {
     pub error: Option<String>,
     /// The robots.
     pub robots: Vec<RobotSummary>,
+    /// Tables of how far robots are apart.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub statistics: Vec<StatisticsTable>,
+}
+
+/// Mean and standard deviation of signals over the recorded rows.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct StatisticsTable {
+    /// Name.
+    pub name: String,
+    /// Number of rows that were recorded; 0 for ratios.
+    pub samples: u64,
+    /// Digits after the point to print.
+    pub decimals: u32,
+    /// One for each signal.
+    pub rows: Vec<StatisticsRow>,
+}
+
+/// Figures of one signal.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct StatisticsRow {
+    /// Path below the robot.
+    pub signal: String,
+    /// Unit; empty for ratios.
+    pub unit: String,
+    /// Mean, or the ratio of two means; none where the divisor is 0.
+    pub mean: Option<f64>,
+    /// Standard deviation of these rows (divided by their number), or the ratio of two.
+    pub std: Option<f64>,
 }
 
 /// A world together with what describes it.
@@ -195,6 +226,10 @@ impl Run {
             let mut controllers: Vec<(Box<dyn Block>, u64)> = Vec::new();
             let mut path = None;
             let mut judge_period: f64 = 0.01;
+            let command = |wheel: &Wheel<f64>| command_port(robot, wheel);
+            let noise = |period: f64| -> Result<_, Diagnostics> {
+                Ok((wheel_noise(loaded, robot, &platform, key)?, ticks(period)))
+            };
             match &robot.controller {
                 None => {}
                 Some(
@@ -217,8 +252,11 @@ impl Run {
                     path = Some(planned);
                     controllers.push((Box::new(follower), ticks(tuning.period)));
                     let period = robot.servo.period.unwrap_or(tuning.period);
-                    let servo = Servo::new(&robot.name, &platform, &robot.servo, period);
+                    let servo = Servo::new(&robot.name, &platform, &robot.servo, period, &command);
                     controllers.push((Box::new(servo), ticks(period)));
+                    if !robot.wheel_noise.is_empty() {
+                        controllers.push(noise(period)?);
+                    }
                     judge_period = judge_period.min(tuning.period);
                 }
                 Some(Controller::Signals { period, channel }) => {
@@ -247,14 +285,20 @@ impl Run {
                                 }
                                 formula => Waveform::Formula(formula.clone()),
                             };
-                            Ok((channel_port(&channel.to, &robot.name, &platform), waveform))
+                            Ok((channel_port(&channel.to, robot, &platform), waveform))
                         })
                         .collect::<Result<Vec<_>, Diagnostics>>()?;
                     controllers.push((Box::new(Signals::new(channels)), ticks(*period)));
+                    let mut last = *period;
                     if twisted {
                         let period = robot.servo.period.unwrap_or(*period);
-                        let servo = Servo::new(&robot.name, &platform, &robot.servo, period);
+                        let servo =
+                            Servo::new(&robot.name, &platform, &robot.servo, period, &command);
                         controllers.push((Box::new(servo), ticks(period)));
+                        last = period;
+                    }
+                    if !robot.wheel_noise.is_empty() {
+                        controllers.push(noise(last)?);
                     }
                 }
             }
@@ -273,6 +317,9 @@ impl Run {
         }
         let end = ticks(scenario.time.duration);
         let world = World::wire(step, end, ticks(scenario.record.period), robots);
+        if let Some(statistics) = &scenario.statistics {
+            check_statistics(loaded, statistics, &world)?;
+        }
         let header = Header {
             scenario: scenario.name.clone(),
             scenario_text: loaded.resolved.clone(),
@@ -384,6 +431,7 @@ impl Run {
             duration: self.world.now(),
             error: error.map(ToString::to_string),
             robots,
+            statistics: meter.statistics(&self.scenario),
         }
     }
 }
@@ -395,7 +443,8 @@ fn overall(robots: &[RobotSummary]) -> (Outcome, String) {
         .find(|r| r.verdict == Outcome::Failed)
         .or_else(|| robots.iter().find(|r| r.verdict == Outcome::Passed))
         .unwrap_or(&robots[0]);
-    let reason = if robots.len() == 1 {
+    let none = robots.iter().all(|r| r.verdict == Outcome::Stopped);
+    let reason = if robots.len() == 1 || none {
         worst.reason.clone()
     } else {
         let passed = robots
@@ -423,11 +472,11 @@ fn sensor_period(sensor: &Sensor) -> f64 {
 
 fn channel_port(
     to: &str,
-    robot: &str,
+    robot: &Robot,
     platform: &appell_model::platform::Platform<f64>,
 ) -> crate::signal::Signal {
     let named = |path: String, unit: &str| {
-        crate::signal::Signal::new(format!("robot.{robot}.{path}"), unit)
+        crate::signal::Signal::new(format!("robot.{}.{path}", robot.name), unit)
     };
     match to {
         "forward" | "left" => named(format!("command.{to}"), "m/s"),
@@ -436,12 +485,90 @@ fn channel_port(
         wheel => {
             let name = wheel.trim_start_matches("wheel.");
             let found = platform.wheels().iter().find(|w| w.name == name);
-            let (field, unit) = found
-                .and_then(|w| command_signal(&w.drive))
-                .expect("a checked channel names a driven wheel");
-            named(format!("wheel.{name}.{field}"), unit)
+            command_port(
+                robot,
+                found.expect("a checked channel names a driven wheel"),
+            )
         }
     }
+}
+
+/// Signals of statistics: those that both robots have.
+fn check_statistics(
+    loaded: &Loaded,
+    statistics: &Statistics,
+    world: &World,
+) -> Result<(), Diagnostics> {
+    for difference in &statistics.difference {
+        for robot in [&difference.of, &difference.minus] {
+            let prefix = format!("robot.{robot}.");
+            for signal in &statistics.signals {
+                if world.column(&format!("{prefix}{signal}")).is_none() {
+                    let known: Vec<&str> = world
+                        .signals()
+                        .iter()
+                        .filter_map(|known| known.path.strip_prefix(&prefix))
+                        .collect();
+                    return Err(refuse(
+                        loaded,
+                        "statistics.signals".into(),
+                        format!("must be signals of robot \"{robot}\", got \"{signal}\""),
+                        format!("it has: {}", known.join(", ")),
+                    ));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The port to which a wheel's command is written: its drive's, or where noise is added on the way
+/// what is wanted of it.
+fn command_port(robot: &Robot, wheel: &Wheel<f64>) -> crate::signal::Signal {
+    let (field, unit) = command_signal(&wheel.drive).expect("a driven wheel takes a command");
+    let noisy = robot.wheel_noise.iter().any(|n| n.wheel == wheel.name);
+    let field = if noisy { "wanted" } else { field };
+    let path = format!("robot.{}.wheel.{}.{field}", robot.name, wheel.name);
+    crate::signal::Signal::new(path, unit)
+}
+
+/// The block that adds noise to a robot's commands.
+fn wheel_noise(
+    loaded: &Loaded,
+    robot: &Robot,
+    platform: &appell_model::platform::Platform<f64>,
+    key: (u64, u64),
+) -> Result<Box<dyn Block>, Diagnostics> {
+    let mut wheels = Vec::new();
+    for noise in &robot.wheel_noise {
+        let wheel = platform.wheels().iter().find(|w| w.name == noise.wheel);
+        let wheel = wheel.expect("checked noise is of a driven wheel");
+        let (field, unit) = command_signal(&wheel.drive).expect("a driven wheel takes a command");
+        let path = |field: &str| format!("robot.{}.wheel.{}.{field}", robot.name, noise.wheel);
+        let port = |field: &str| crate::signal::Signal::new(path(field), unit);
+        let source = match (&noise.file, &noise.column) {
+            (Some(file), Some(column)) => {
+                let table = read_table(&loaded.folder.join(file), column);
+                let (times, values) = table.map_err(|problem| {
+                    let path = format!("robot.{}.wheel_noise.{}.file", robot.name, noise.wheel);
+                    refuse(
+                        loaded,
+                        path,
+                        problem,
+                        "the file changed while it was read".into(),
+                    )
+                })?;
+                NoiseSource::Given(Waveform::Table { times, values })
+            }
+            _ => NoiseSource::Normal {
+                stream: Stream::new(key.0, key.1, &path("noise")),
+                mean: noise.mean,
+                std: noise.std,
+            },
+        };
+        wheels.push(([port("wanted"), port(field), port("noise")], source));
+    }
+    Ok(Box::new(WheelNoise::new(wheels)))
 }
 
 fn task_name(goal: Option<&Goal>) -> &'static str {

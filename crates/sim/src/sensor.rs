@@ -8,7 +8,7 @@ use appell_model::platform::Platform;
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
 use crate::layout::Beacon;
 use crate::noise::Stream;
-use crate::scenario::Sensor;
+use crate::scenario::{OdometryMethod, Sensor};
 use crate::signal::Signal;
 
 fn port(path: String, unit: &str) -> Port {
@@ -87,6 +87,8 @@ pub fn build(
             })
         }
         Sensor::Odometry {
+            name,
+            method,
             resolution,
             angle_std,
             radius_scale,
@@ -94,19 +96,20 @@ pub fn build(
             ..
         } => {
             let outputs: Vec<Port> = [("x", "m"), ("y", "m"), ("yaw", "rad")]
-                .map(|(axis, unit)| port(format!("{robot}.sensor.odometry.{axis}"), unit))
+                .map(|(axis, unit)| port(format!("{robot}.sensor.{name}.{axis}"), unit))
                 .to_vec();
             let streams = driven
                 .iter()
                 .map(|&i| {
                     stream(&format!(
-                        "{robot}.sensor.odometry.{}",
+                        "{robot}.sensor.{name}.{}",
                         platform.wheels()[i].name
                     ))
                 })
                 .collect();
             Box::new(Odometry {
                 gain: twist_from_rates(platform, &driven, *radius_scale, *track_scale),
+                method: *method,
                 inputs: angles(),
                 outputs,
                 streams,
@@ -272,8 +275,9 @@ impl Block for Encoder {
     }
 }
 
-/// Dead reckoning by exact arcs between two readings. `[eq:odometry]`
+/// Dead reckoning between two readings. `[eq:odometry]`
 struct Odometry {
+    method: OdometryMethod,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
     gain: [Vec<f64>; 3],
@@ -312,19 +316,25 @@ impl Block for Odometry {
                 *sum += gain[k] * turned;
             }
         }
-        // The chord of an arc: displacement turned by half the change of heading, times sinc of it.
-        let half = 0.5 * moved[2];
-        let (sin, cos) = sin_cos(half);
-        // Below this angle the sine quotient equals 1 − h²/6 to the last bit.
-        let chord = if half.abs() < 1e-4 {
-            1.0 - half * half / 6.0
-        } else {
-            sin / half
-        };
+        let way = vec2(moved[0], moved[1]);
         let (yaw_sin, yaw_cos) = sin_cos(self.state[2]);
-        let step = (vec2(moved[0], moved[1]) * chord)
-            .rotated(cos, sin)
-            .rotated(yaw_cos, yaw_sin);
+        let step = match self.method {
+            OdometryMethod::Unrotated => way,
+            OdometryMethod::Euler => way.rotated(yaw_cos, yaw_sin),
+            OdometryMethod::Arc => {
+                // The chord of an arc: displacement turned by half the change of heading, times
+                // sinc of it.
+                let half = 0.5 * moved[2];
+                let (sin, cos) = sin_cos(half);
+                // Below this angle the sine quotient equals 1 − h²/6 to the last bit.
+                let chord = if half.abs() < 1e-4 {
+                    1.0 - half * half / 6.0
+                } else {
+                    sin / half
+                };
+                (way * chord).rotated(cos, sin).rotated(yaw_cos, yaw_sin)
+            }
+        };
         self.state[0] += step.x;
         self.state[1] += step.y;
         self.state[2] += moved[2];

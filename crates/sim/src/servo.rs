@@ -6,8 +6,9 @@
 
 use appell_model::drive::Drive;
 use appell_model::planar::vec2;
-use appell_model::platform::Platform;
+use appell_model::platform::{MAX_WHEELS, Platform};
 use appell_model::solve::{MAX_DOF, add_outer, dot, invert, product, zero_row};
+use appell_model::wheel::Wheel;
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
 use crate::scenario;
@@ -19,7 +20,10 @@ pub struct Servo {
     outputs: Vec<Port>,
     axles: Vec<Axle>,
     integral_time: f64,
-    /// Per axle: last reference, rad/s, and integral of the torque, N·m; then whether it has run.
+    /// Feedback of rate (1) and angle (1/s) for ideal rate sources.
+    feedback: Option<[f64; 2]>,
+    /// Per axle: last reference, rad/s, then the integral of the torque, N·m, or of the reference,
+    /// rad; then whether it has run.
     state: Vec<f64>,
 }
 
@@ -38,7 +42,14 @@ struct Axle {
 
 impl Servo {
     /// Derives gains from the platform: a wheel-rate loop of the given bandwidth (rad/s).
-    pub fn new(name: &str, platform: &Platform<f64>, file: &scenario::Servo, period: f64) -> Servo {
+    /// Commands go to the ports that `to` names.
+    pub fn new(
+        name: &str,
+        platform: &Platform<f64>,
+        file: &scenario::Servo,
+        period: f64,
+        to: &dyn Fn(&Wheel<f64>) -> Port,
+    ) -> Servo {
         let robot = format!("robot.{name}");
         let wheels = platform.wheels();
         let driven: Vec<usize> = (0..wheels.len())
@@ -56,9 +67,14 @@ impl Servo {
         let mut outputs = Vec::new();
         for &i in &driven {
             inputs.push(port(format!("wheel.{}.spin_rate", wheels[i].name), "rad/s"));
-            let (field, unit) = crate::plant::command_signal(&wheels[i].drive)
-                .expect("a driven wheel takes a command");
-            outputs.push(port(format!("wheel.{}.{field}", wheels[i].name), unit));
+            outputs.push(to(&wheels[i]));
+        }
+        let feedback = (file.rate_feedback > 0.0 || file.angle_feedback > 0.0)
+            .then_some([file.rate_feedback, file.angle_feedback]);
+        if feedback.is_some() {
+            for &i in &driven {
+                inputs.push(port(format!("wheel.{}.spin_angle", wheels[i].name), "rad"));
+            }
         }
 
         let x = crate::build::rest_state(platform, [0.0; 3], &[]);
@@ -117,6 +133,7 @@ impl Servo {
             state: vec![0.0; 2 * axles.len() + 1],
             axles,
             integral_time: file.integral_time,
+            feedback,
         }
     }
 }
@@ -139,7 +156,8 @@ impl Block for Servo {
         output: &mut [f64],
     ) -> Result<(), BlockError> {
         let count = self.axles.len();
-        let (twist, rates) = input.split_at(3);
+        let (twist, measured) = input.split_at(3);
+        let (rates, angles) = measured.split_at(count);
         // Too fast for one wheel is too fast for all: the path is kept, the speed is not.
         let mut scale: f64 = 1.0;
         for axle in &self.axles {
@@ -149,7 +167,16 @@ impl Block for Servo {
             }
         }
         let started = self.state[2 * count] != 0.0;
-        let mut accelerations = [0.0; appell_model::platform::MAX_WHEELS];
+        // What the last period left undone, where commanded rates are the motion.
+        let mut corrections = [0.0; MAX_WHEELS];
+        if let (Some([of_rate, of_angle]), true) = (self.feedback, started) {
+            for k in 0..count {
+                let (last, turned) = (self.state[k], &mut self.state[count + k]);
+                *turned += dt * last;
+                corrections[k] = of_rate * (rates[k] - last) + of_angle * (angles[k] - *turned);
+            }
+        }
+        let mut accelerations = [0.0; MAX_WHEELS];
         for (k, axle) in self.axles.iter().enumerate() {
             let wanted: f64 = (0..3).map(|j| axle.rate[j] * twist[j]).sum::<f64>() * scale;
             if started {
@@ -166,7 +193,7 @@ impl Block for Servo {
             let torque = ahead + axle.viscous * reference + axle.gain * error + integral;
             let (command, saturated) = match &axle.drive {
                 Drive::None => (0.0, true),
-                Drive::Rate { .. } => (reference, true),
+                Drive::Rate { .. } => (reference - corrections[k], true),
                 Drive::Torque { torque_max } => limited(torque, *torque_max),
                 Drive::DcMotor(motor) => {
                     let current = torque / motor.torque_per_current();
@@ -176,7 +203,8 @@ impl Block for Servo {
             };
             output[k] = command;
             // At a limit the integral may only lead away from it.
-            if !saturated || error * command < 0.0 {
+            let may_learn = !saturated || error * command < 0.0;
+            if may_learn && self.feedback.is_none() {
                 self.state[count + k] += axle.gain * error * dt / self.integral_time;
             }
         }

@@ -312,3 +312,57 @@ fn invariant_servo_does_not_wind_up() {
         end("twist.yaw_rate")
     );
 }
+
+/// The tables of the mecanum note (figures 16 and 17, recomputed to 15 digits): mean and standard
+/// deviation of wheel rates, twist and pose, ideal less real and ideal less restored.
+#[test]
+fn known_answer_house_tables() {
+    const REAL: [[f64; 2]; 10] = [
+        [-0.001_092_581_255_443_44, 0.004_806_478_491_954_947],
+        [-0.002_833_902_606_545_517, 0.005_013_373_672_570_987],
+        [-0.002_645_545_757_535_575, 0.004_945_741_678_452_779],
+        [-0.004_218_574_653_487_931, 0.005_056_261_560_229_572],
+        [-0.000_269_765_106_825_312_2, 0.000_257_997_148_040_654_6],
+        [8.566_363_042_885_195e-5, 0.000_296_207_971_044_274],
+        [1.402_437_126_247_404_1e-5, 0.000_865_798_496_574_000_4],
+        [-0.002_673_387_652_941_951_5, 0.001_597_506_899_413_506_6],
+        [0.000_887_652_910_537_159_7, 0.000_466_375_461_934_461_43],
+        [0.000_271_017_215_892_020_65, 0.000_185_236_516_383_894_7],
+    ];
+    const RESTORED: [[f64; 2]; 10] = [
+        [-3.974_620_354_072_348e-6, 0.005_189_552_879_916_816],
+        [-3.439_976_978_213_072_6e-5, 0.005_386_528_274_095_631],
+        [-2.555_136_326_964_492_5e-5, 0.005_275_780_370_467_808],
+        [-3.113_502_792_823_995e-5, 0.005_394_870_136_118_127],
+        [-2.376_519_533_351_503e-6, 0.000_272_330_806_148_340_6],
+        [1.314_245_098_319_314_7e-6, 0.000_319_751_587_053_575_4],
+        [2.070_123_730_786_079_4e-6, 0.000_929_509_125_726_311_8],
+        [-5.347_072_239_418_385e-5, 2.153_368_908_751_211_4e-5],
+        [1.686_828_077_168_749e-5, 2.104_174_805_802_577_2e-5],
+        [2.390_872_933_877_646e-6, 6.361_469_236_024_894e-5],
+    ];
+    let mut run = Run::new(&load("house.toml", &[]), 0).expect("valid");
+    let summary = run.execute(&mut Memory::new(), &mut |_| {}).expect("runs");
+    for (table, expected) in summary.statistics.iter().zip([REAL, RESTORED]) {
+        assert_eq!(table.samples, 401);
+        for (row, [mean, std]) in table.rows.iter().zip(expected) {
+            // Sums of 401 rounded terms of up to a meter.
+            assert!(
+                (row.mean.expect("a number") - mean).abs() < 1e-12,
+                "{row:?}"
+            );
+            assert!((row.std.expect("a number") - std).abs() < 1e-12, "{row:?}");
+        }
+    }
+    // The note's ratios, as printed.
+    let ratios = summary.statistics[2].rows.iter();
+    let printed = [
+        [49.997_223, 74.186_401],
+        [52.622_607, 22.164_293],
+        [113.354_922, 2.911_851],
+    ];
+    for (row, [mean, std]) in ratios.zip(printed) {
+        assert!((row.mean.expect("a number") - mean).abs() < 5e-7, "{row:?}");
+        assert!((row.std.expect("a number") - std).abs() < 5e-7, "{row:?}");
+    }
+}

@@ -105,6 +105,14 @@ function metrics(run) {
   return `<section aria-label="Metrics"><h2>Metrics</h2><div class="metrics">${table(run.metrics.slice(0, half))}${table(run.metrics.slice(half))}</div></section>`;
 }
 
+/** @param {Run} run */
+function statistics(run) {
+  if (!run.statistics || run.statistics.length === 0) return '';
+  const number = (/** @type {number | null} */ value, /** @type {number} */ digits) => value === null ? '–' : value.toFixed(digits).replace('-', '−');
+  const table = (/** @type {Run['statistics'][number]} */ t) => `<table><thead><tr><th>${escapeText(t.name)}${t.samples > 0 ? ` <small>${t.samples} samples</small>` : ''}</th><th class="right">mean</th><th class="right">standard deviation</th><th></th></tr></thead><tbody>${t.rows.map(r => `<tr><th scope="row">${escapeText(r.signal)}</th><td class="right">${number(r.mean, t.decimals)}</td><td class="right">${number(r.std, t.decimals)}</td><td class="unit">${escapeText(r.unit)}</td></tr>`).join('')}</tbody></table>`;
+  return `<section aria-label="Statistics"><h2>Statistics</h2><div class="metrics">${run.statistics.map(table).join('')}</div></section>`;
+}
+
 /**
  * Class and style of a compared run's line.
  * @param {Comparison['runs'][number]} run
@@ -201,7 +209,7 @@ function scenario(run) {
  */
 export function reportBody(data) {
   const time = tellingTime(data);
-  return `<main>\n${header(data)}\n${stage(data, time)}\n${plots(data)}\n${metrics(data)}\n${comparisonOf(data)}\n${scenario(data)}\n</main>`;
+  return `<main>\n${header(data)}\n${stage(data, time)}\n${plots(data)}\n${metrics(data)}\n${statistics(data)}\n${comparisonOf(data)}\n${scenario(data)}\n</main>`;
 }
 
 /**

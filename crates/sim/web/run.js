@@ -75,9 +75,11 @@
  * @property {Record<string, Signal>} signals
  * @property {RunEvent[]} events
  * @property {Metric[]} metrics
+ * @property {Statistics[]} statistics
  * @property {PlotSpec[]} plots
  * @property {Comparison | null} comparison
  */
+/** @typedef {{ name: string, samples: number, decimals: number, rows: { signal: string, unit: string, mean: number | null, std: number | null }[] }} Statistics mean and standard deviation of signals */
 /** @typedef {{ radius: number, heading: number, spin: number, force: [number, number] | null, load: number | null }} WheelState `heading` in the body frame, rad; `force` along and to the left of the wheel, N */
 /** @typedef {{ x: number, y: number, yaw: number, speed: number, wheels: WheelState[] }} RobotState */
 /** @typedef {(number | null)[] | null} Track */

@@ -170,6 +170,9 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
     for robot in &scenario.robot {
         check_robot(&mut c, robot, scenario, folder);
     }
+    if let Some(statistics) = &scenario.statistics {
+        check_statistics(&mut c, scenario, statistics);
+    }
     c.problems
 }
 
@@ -301,8 +304,9 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
     for sensor in &robot.sensor {
         check_sensor(c, sensor, &base, step);
     }
-    let kinds = robot.sensor.iter().map(sensor_kind);
-    c.unique(&path("sensor"), "kind", kinds);
+    let names = robot.sensor.iter().map(sensor_name);
+    c.unique(&path("sensor"), "kind or name", names);
+    check_wheel_noise(c, robot, folder);
     if let Some(period) = robot.servo.period {
         c.period(path("servo.period"), period, step);
     }
@@ -312,6 +316,14 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
     c.positive(path("servo.integral_time"), robot.servo.integral_time);
     if let Some(task) = &robot.task {
         check_task(c, task, &path("task"), &scenario.arena);
+    }
+}
+
+/// The name under which a sensor's signals stand: its kind, unless it has a name of its own.
+fn sensor_name(sensor: &Sensor) -> &str {
+    match sensor {
+        Sensor::Odometry { name, .. } => name,
+        other => sensor_kind(other),
     }
 }
 
@@ -325,7 +337,7 @@ fn sensor_kind(sensor: &Sensor) -> &'static str {
 }
 
 fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
-    let path = |field: &str| format!("{base}.sensor.{}.{field}", sensor_kind(sensor));
+    let path = |field: &str| format!("{base}.sensor.{}.{field}", sensor_name(sensor));
     match sensor {
         Sensor::Pose {
             period,
@@ -344,6 +356,7 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
         }
         Sensor::Odometry {
             period,
+            name,
             angle_std,
             radius_scale,
             track_scale,
@@ -351,6 +364,7 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
         } => {
             c.period(path("period"), *period, step);
             c.not_negative(path("angle_std"), *angle_std);
+            c.name(path("name"), name);
             c.positive(path("radius_scale"), *radius_scale);
             c.positive(path("track_scale"), *track_scale);
         }
@@ -371,6 +385,131 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
             );
             c.not_negative(path("range_std"), *range_std);
             c.not_negative(path("bearing_std"), *bearing_std);
+        }
+    }
+}
+
+/// Noise on commands: of wheels that are driven, each once, from a distribution or a file.
+fn check_wheel_noise(c: &mut Checker, robot: &Robot, folder: &Path) {
+    let base = format!("robot.{}.wheel_noise", robot.name);
+    let names = robot.wheel_noise.iter().map(|noise| noise.wheel.as_str());
+    c.unique(&base, "wheel", names);
+    let wheels: &[Wheel] = robot.platform.as_ref().map_or(&[], |p| &p.wheel);
+    let driven: Vec<&str> = wheels
+        .iter()
+        .filter(|wheel| wheel.drive != Drive::None)
+        .map(|wheel| wheel.name.as_str())
+        .collect();
+    if !robot.wheel_noise.is_empty() && robot.controller.is_none() {
+        c.refuse(
+            base.clone(),
+            "must go with a controller, whose commands it is added to, got none",
+            "add [robot.controller]",
+        );
+    }
+    for noise in &robot.wheel_noise {
+        let path = |field: &str| format!("{base}.{}.{field}", noise.wheel);
+        if !driven.contains(&noise.wheel.as_str()) {
+            c.refuse(
+                path("wheel"),
+                format!("must name a driven wheel, got \"{}\"", noise.wheel),
+                &format!("there are: {}", driven.join(", ")),
+            );
+        }
+        c.finite(path("mean"), noise.mean);
+        c.not_negative(path("std"), noise.std);
+        match (&noise.file, &noise.column) {
+            (None, None) => {}
+            (Some(file), Some(column)) => {
+                if noise.mean != 0.0 || noise.std != 0.0 {
+                    c.refuse(
+                        path("file"),
+                        "must stand alone, got a mean or a standard deviation beside it",
+                        "take the noise from the file or from a distribution",
+                    );
+                }
+                if let Err(problem) = crate::controller::read_table(&folder.join(file), column) {
+                    c.refuse(
+                        path("file"),
+                        problem,
+                        "a CSV with a header row; its first column is time in s",
+                    );
+                }
+            }
+            (file, _) => {
+                let missing = if file.is_some() { "column" } else { "file" };
+                c.refuse(
+                    path(missing),
+                    "is missing",
+                    "noise from a file needs both `file` and `column`",
+                );
+            }
+        }
+    }
+    for (field, value) in [
+        ("rate_feedback", robot.servo.rate_feedback),
+        ("angle_feedback", robot.servo.angle_feedback),
+    ] {
+        let path = format!("robot.{}.servo.{field}", robot.name);
+        c.not_negative(path.clone(), value);
+        if value > 0.0 && robot.level != Level::Kinematic {
+            c.refuse(
+                path,
+                "must be 0 but at level \"kinematic\"",
+                "at other levels bandwidth and integral_time make the loop",
+            );
+        }
+    }
+}
+
+/// Statistics: differences of robots that there are, in signals that both have.
+fn check_statistics(c: &mut Checker, scenario: &Scenario, statistics: &Statistics) {
+    let robots: Vec<&str> = scenario.robot.iter().map(|r| r.name.as_str()).collect();
+    c.require(
+        statistics.decimals <= 15,
+        "statistics.decimals".into(),
+        "at most 15",
+        statistics.decimals,
+    );
+    for (list, length) in [
+        ("signals", statistics.signals.len()),
+        ("difference", statistics.difference.len()),
+    ] {
+        if length == 0 {
+            c.refuse(
+                format!("statistics.{list}"),
+                "must have at least one entry",
+                "a table has signals as rows and is a difference of two robots",
+            );
+        }
+    }
+    let names: Vec<&str> = statistics
+        .difference
+        .iter()
+        .map(|difference| difference.name.as_str())
+        .collect();
+    c.unique("statistics.difference", "name", names.iter().copied());
+    let mut known = |path: String, name: &str, all: &[&str], what: &str| {
+        if !all.contains(&name) {
+            c.refuse(
+                path,
+                format!("must name a {what}, got \"{name}\""),
+                &format!("there are: {}", all.join(", ")),
+            );
+        }
+    };
+    for difference in &statistics.difference {
+        let path = |field: &str| format!("statistics.difference.{}.{field}", difference.name);
+        known(path("of"), &difference.of, &robots, "robot");
+        known(path("minus"), &difference.minus, &robots, "robot");
+    }
+    let signals: Vec<&str> = statistics.signals.iter().map(String::as_str).collect();
+    for ratio in &statistics.ratio {
+        let path = |field: &str| format!("statistics.ratio.{}.{field}", ratio.name);
+        known(path("of"), &ratio.of, &names, "difference");
+        known(path("by"), &ratio.by, &names, "difference");
+        for signal in &ratio.signals {
+            known(path("signals"), signal, &signals, "signal of the tables");
         }
     }
 }
@@ -443,7 +582,7 @@ fn check_controller(
         PoseSource::Odometry => Some("odometry"),
     };
     if let Some(needed) = needed
-        && !robot.sensor.iter().any(|s| sensor_kind(s) == needed)
+        && !robot.sensor.iter().any(|s| sensor_name(s) == needed)
     {
         c.refuse(
             path("pose"),
@@ -544,6 +683,23 @@ fn check_channel(
                 ("offset", *offset),
             ]);
             c.positive(path("signal.period"), *period);
+        }
+        Signal::Stairs { at, values } => {
+            let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
+            if at.is_empty() || at.len() != values.len() || !rising {
+                c.refuse(
+                    path("signal.at"),
+                    format!(
+                        "must be increasing times, one for each value, got {} for {} values",
+                        at.len(),
+                        values.len()
+                    ),
+                    "for example at = [0.0, 4.0], values = [0.1, 0.0]",
+                );
+            }
+            for value in at.iter().chain(values) {
+                numbers.push(("values", *value));
+            }
         }
         Signal::Table { file, column } => {
             if let Err(problem) = crate::controller::read_table(&folder.join(file), column) {

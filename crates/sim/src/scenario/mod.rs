@@ -44,6 +44,51 @@ pub struct Scenario {
     /// What is written, and how often.
     #[serde(default)]
     pub record: Record,
+    /// Tables of how far robots are apart.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub statistics: Option<Statistics>,
+}
+
+/// Tables of mean and standard deviation, over the recorded rows, of the differences between robots.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Statistics {
+    /// Signals, as paths below `robot.<name>.`; both robots must have them.
+    pub signals: Vec<String>,
+    /// Digits after the point in the printed tables.
+    #[serde(default = "defaults::decimals")]
+    pub decimals: u32,
+    /// The tables.
+    pub difference: Vec<Difference>,
+    /// Tables of how many times larger one difference is than another.
+    #[serde(default)]
+    pub ratio: Vec<Ratio>,
+}
+
+/// A table of differences: the signals of one robot less those of another.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Difference {
+    /// Name, unique among the differences.
+    pub name: String,
+    /// Name of the robot.
+    pub of: String,
+    /// Name of the robot whose signals are taken off.
+    pub minus: String,
+}
+
+/// A table of one difference's figures divided by another's.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ratio {
+    /// Name.
+    pub name: String,
+    /// Name of the difference that is divided.
+    pub of: String,
+    /// Name of the difference that divides.
+    pub by: String,
+    /// Signals, of those of the tables.
+    pub signals: Vec<String>,
 }
 
 /// Time: the step of the physics, the length of the run and the method.
@@ -194,9 +239,33 @@ pub struct Robot {
     /// The cascade from twist to wheel rates to drive commands.
     #[serde(default)]
     pub servo: Servo,
+    /// What is added to the drives' commands.
+    #[serde(default)]
+    pub wheel_noise: Vec<WheelNoise>,
     /// What it has to do; without a task the run lasts its whole duration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub task: Option<Task>,
+}
+
+/// Noise on the command of a drive, in the command's unit (rad/s, N·m or V), drawn anew in each
+/// period of the servo: normal with a mean, or the column of a file. Signal `wheel.<name>.noise`.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct WheelNoise {
+    /// Name of the wheel.
+    pub wheel: String,
+    /// Mean.
+    #[serde(default)]
+    pub mean: f64,
+    /// Standard deviation.
+    #[serde(default)]
+    pub std: f64,
+    /// CSV file, relative to the scenario file, to take it from instead; its first column is time, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Name of the file's column.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub column: Option<String>,
 }
 
 /// A robot file: body, wheels and drives.
@@ -399,11 +468,17 @@ pub enum Sensor {
         #[serde(default)]
         angle_std: f64,
     },
-    /// Pose summed from the wheels' turning by exact arcs: `sensor.odometry.x`, `.y`, `.yaw`.
-    /// Starts at the true pose.
+    /// Pose summed from the wheels' turning: `sensor.<name>.x`, `.y`, `.yaw`. Starts at the true
+    /// pose.
     Odometry {
         /// Period, s.
         period: f64,
+        /// Name, so that a robot may have several.
+        #[serde(default = "defaults::odometry")]
+        name: String,
+        /// How the way of a period is summed.
+        #[serde(default)]
+        method: OdometryMethod,
         /// Steps per turn of the wheel; 0 for no rounding.
         #[serde(default)]
         resolution: u32,
@@ -433,6 +508,19 @@ pub enum Sensor {
         #[serde(default)]
         bearing_std: f64,
     },
+}
+
+/// How odometry sums the way of a period.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OdometryMethod {
+    /// Along the arc of constant rates: exact where they are constant.
+    #[default]
+    Arc,
+    /// Straight on in the direction at the start of the period (Euler), as many programs do.
+    Euler,
+    /// Along the axes of the robot's start, as if it never turned.
+    Unrotated,
 }
 
 /// What decides.
@@ -594,6 +682,13 @@ pub enum Signal {
         #[serde(default)]
         offset: f64,
     },
+    /// Steps up and down: each value from its time until the next; the first one before, too.
+    Stairs {
+        /// Times, s, increasing.
+        at: Vec<f64>,
+        /// Values, one for each time.
+        values: Vec<f64>,
+    },
     /// Columns of a CSV file, relative to the scenario file: straight lines between its rows, held
     /// outside.
     Table {
@@ -614,6 +709,11 @@ pub struct Servo {
     pub bandwidth: Option<f64>,
     /// Time constant of the integral part, s.
     pub integral_time: f64,
+    /// Level `kinematic`: correction of a wheel's rate command per error of its rate in the last
+    /// period, 1. The commanded rate is the motion there, so that only noise leaves an error.
+    pub rate_feedback: f64,
+    /// Level `kinematic`: correction of a wheel's rate command per error of its angle, 1/s.
+    pub angle_feedback: f64,
 }
 
 impl Default for Servo {
@@ -622,6 +722,8 @@ impl Default for Servo {
             period: None,
             bandwidth: None,
             integral_time: 0.15,
+            rate_feedback: 0.0,
+            angle_feedback: 0.0,
         }
     }
 }
@@ -745,6 +847,12 @@ mod defaults {
     }
     pub fn beacon_radius() -> f64 {
         0.05
+    }
+    pub fn decimals() -> u32 {
+        6
+    }
+    pub fn odometry() -> String {
+        "odometry".into()
     }
     pub fn gravity() -> f64 {
         9.81
