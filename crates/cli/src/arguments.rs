@@ -46,6 +46,8 @@ pub enum Command {
     Compare(CompareOptions),
     /// Find the torques, currents, voltages and contact forces that a trajectory demands.
     Inverse(InverseOptions),
+    /// Test the odometry of a differential drive on a square, both ways round, and calibrate it.
+    Umbmark(UmbmarkOptions),
     /// Write a starter scenario and robot into a new folder.
     New(NewOptions),
     /// Print the JSON Schema of scenario files, for editors.
@@ -195,6 +197,40 @@ pub struct InverseOptions {
     /// Table of all signals.
     #[arg(long, short, default_value = "inverse.csv")]
     pub out: PathBuf,
+}
+
+/// Options of `umbmark`.
+#[derive(Args)]
+pub struct UmbmarkOptions {
+    /// Robot file.
+    pub robot: PathBuf,
+    /// Side of the square, m.
+    #[arg(long, default_value_t = 4.0)]
+    pub side: f64,
+    /// Diameter of the right wheel over that of the left, as built: E_d.
+    #[arg(long, default_value_t = 1.002)]
+    pub diameter_ratio: f64,
+    /// Track as built over what the robot file says: E_b.
+    #[arg(long, default_value_t = 1.01)]
+    pub track_ratio: f64,
+    /// Runs each way round.
+    #[arg(long, default_value_t = 5)]
+    pub runs: u64,
+    /// Standard deviation of the way that each wheel slips on a side or in a turn, m.
+    #[arg(long, default_value_t = 0.0)]
+    pub slip: f64,
+    /// Corrections.
+    #[arg(long, default_value_t = 2)]
+    pub rounds: usize,
+    /// Calibrate by the published first-order formulas instead of the exact end points.
+    #[arg(long)]
+    pub published: bool,
+    /// Seed of the slip.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `new`.

@@ -10,6 +10,7 @@ mod new;
 mod plot;
 mod run;
 mod terminal;
+mod umbmark;
 
 use std::process::ExitCode;
 
@@ -40,6 +41,7 @@ fn main() -> ExitCode {
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),
+        Command::Umbmark(options) => umbmark::umbmark(&options),
         Command::New(options) => new::new(&options),
         Command::Schema(options) => {
             terminal::print(&appell_sim::scenario::schema(options.robot));

@@ -6,6 +6,7 @@
 
 use crate::drive::Drive;
 use crate::dynamics::{Dynamics, Sizes};
+use crate::planar::Vec2;
 use crate::platform::{BODY_OUTPUTS, LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{
@@ -146,6 +147,21 @@ impl<T: Scalar> Kinematic<T> {
             Drive::None | Drive::Torque { .. } | Drive::DcMotor(_) => u[i],
         }
     }
+}
+
+/// Displacement, in the axes at its start, of a platform that goes `way` (along its own axes) while
+/// it turns by `turn`, both at constant rates: the chord of an arc. `[eq:odometry]`
+///
+/// The last argument is sine and cosine of turn / 2: the caller has the means to find them fast.
+#[inline(always)]
+pub fn along_arc<T: Scalar>(way: Vec2<T>, turn: T, (sin, cos): (T, T)) -> Vec2<T> {
+    // The displacement is turned by half the turn, and shorter by sinc of it. Below this angle the
+    // quotient equals 1 − h²/6 to the last bit.
+    let half = T::from(0.5) * turn;
+    let small = half.abs().less(T::from(1e-4));
+    let series = (half * half).mul_add(T::from(-1.0 / 6.0), T::one());
+    let chord = T::select(small, series, sin / T::select(small, T::one(), half));
+    (way * chord).rotated(cos, sin)
 }
 
 /// Whether the leading block is safely invertible, on nominal values.

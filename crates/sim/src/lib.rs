@@ -23,4 +23,5 @@ pub mod scenario;
 pub mod sensor;
 pub mod servo;
 pub mod signal;
+pub mod umbmark;
 pub mod world;

@@ -1,5 +1,6 @@
 //! Sensors: what a robot knows of its pose, its wheels and the beacons.
 
+use appell_model::kinematic::along_arc;
 use appell_model::math::single::{atan2, sin_cos};
 use appell_model::math::{hypot, wrap_angle};
 use appell_model::planar::vec2;
@@ -322,17 +323,8 @@ impl Block for Odometry {
             OdometryMethod::Unrotated => way,
             OdometryMethod::Euler => way.rotated(yaw_cos, yaw_sin),
             OdometryMethod::Arc => {
-                // The chord of an arc: displacement turned by half the change of heading, times
-                // sinc of it.
-                let half = 0.5 * moved[2];
-                let (sin, cos) = sin_cos(half);
-                // Below this angle the sine quotient equals 1 − h²/6 to the last bit.
-                let chord = if half.abs() < 1e-4 {
-                    1.0 - half * half / 6.0
-                } else {
-                    sin / half
-                };
-                (way * chord).rotated(cos, sin).rotated(yaw_cos, yaw_sin)
+                let half = sin_cos(0.5 * moved[2]);
+                along_arc(way, moved[2], half).rotated(yaw_cos, yaw_sin)
             }
         };
         self.state[0] += step.x;
