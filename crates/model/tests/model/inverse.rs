@@ -259,3 +259,89 @@ fn invariant_redundant_torques_are_least() {
     );
     assert!(MAX_DOF >= layout.dof());
 }
+
+/// The lecture's point H ahead of the axle, led along the line y_H = 0: the heading follows the
+/// tractrix tan(θ/2) = tan(θ₀/2) e^{−s/l}.
+struct Led<'a> {
+    system: &'a Rolling<f64>,
+    ahead: f64,
+    heading: f64,
+}
+
+impl Led<'_> {
+    /// Way of H, its rate and its acceleration.
+    fn way(t: f64) -> [f64; 3] {
+        let (sin, cos) = Scalar::sin_cos(0.5 * t);
+        [0.3 * t + 0.1 * sin, 0.3 + 0.05 * cos, -0.025 * sin]
+    }
+
+    fn heading(&self, t: f64) -> f64 {
+        let half = Scalar::sin_cos(0.5 * self.heading);
+        let tan = half.0 / half.1 * Scalar::exp(-Self::way(t)[0] / self.ahead);
+        2.0 * Scalar::atan2(tan, 1.0)
+    }
+
+    /// V, ω and their rates.
+    fn motion(&self, t: f64) -> [f64; 4] {
+        let [_, rate, growth] = Self::way(t);
+        let (sin, cos) = Scalar::sin_cos(self.heading(t));
+        let turn = -rate * sin / self.ahead;
+        [
+            rate * cos,
+            turn,
+            growth * cos - rate * sin * turn,
+            -(growth * sin + rate * cos * turn) / self.ahead,
+        ]
+    }
+}
+
+impl Input<f64> for Led<'_> {
+    fn at(&self, t: f64, u: &mut [f64]) {
+        let platform = self.system.platform();
+        let layout = platform.layout();
+        let [speed, turn, speed_rate, turn_rate] = self.motion(t);
+        let mut x = vec![0.0; layout.state()];
+        platform.renew_angles(&mut x);
+        let v = platform.velocity_from_twist(vec2(speed, 0.0), turn, &[]);
+        let v_rate = platform.velocity_from_twist(vec2(speed_rate, 0.0), turn_rate, &[]);
+        x[layout.velocity()..][..layout.dof()].copy_from_slice(&v[..layout.dof()]);
+        u.fill(0.0);
+        let mode = vec![1.0; layout.wheels];
+        let demand = self.system.inverse(&x, u, &mode, &v_rate);
+        u[..layout.wheels].copy_from_slice(&demand.torque[..layout.wheels]);
+    }
+}
+
+/// Sixty seconds under the torques found for a path of H: H is where it was to be, within 1e-9.
+#[test]
+fn invariant_forward_of_inverse_leads_point_h() {
+    let lossy = Differential {
+        viscous: 0.05,
+        ..SLEIGH
+    };
+    let system = Rolling::new(lossy.platform(), Ground::flat(9.81));
+    let led = Led {
+        system: &system,
+        ahead: 0.2,
+        heading: 1.0,
+    };
+    let layout = system.platform().layout().clone();
+    let [speed, turn, ..] = led.motion(0.0);
+    let mut x = vec![0.0; layout.state()];
+    let (sin, cos) = Scalar::sin_cos(1.0);
+    (x[0], x[1], x[YAW]) = (-0.2 * cos, -0.2 * sin, 1.0);
+    system.platform().renew_angles(&mut x);
+    let v = system
+        .platform()
+        .velocity_from_twist(vec2(speed, 0.0), turn, &[]);
+    x[layout.velocity()..][..layout.dof()].copy_from_slice(&v[..layout.dof()]);
+    let mut mode = vec![1.0; layout.wheels];
+    let mut adaptive = Adaptive::new(&system, 1e-12, 1e-13);
+    adaptive
+        .advance(&system, &led, 0.0, 60.0, &mut x, &mut mode, None)
+        .expect("a smooth motion");
+    let h = [x[0] + 0.2 * x[YAW + 1], x[1] + 0.2 * x[YAW + 2]];
+    assert!((h[0] - Led::way(60.0)[0]).abs() < 1e-9, "{h:?}");
+    assert!(h[1].abs() < 1e-9, "{h:?}");
+    assert!((x[YAW] - led.heading(60.0)).abs() < 1e-9);
+}

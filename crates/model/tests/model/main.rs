@@ -8,3 +8,4 @@ mod invariants;
 mod inverse;
 mod order;
 mod random_platforms;
+mod single_track;

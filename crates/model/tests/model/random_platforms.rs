@@ -364,3 +364,153 @@ fn peer_full_equations_of_random_platforms() {
     assert!(mobile >= 500, "{mobile} of 1000 are mobile");
     assert!(locked > 0, "some lock, and are refused for it");
 }
+
+/// The platform seen in a mirror along its x-axis.
+fn mirrored(platform: &Platform<f64>) -> Platform<f64> {
+    let turned = |wheel: &Wheel<f64>| Wheel {
+        mount: vec2(wheel.mount.x, -wheel.mount.y),
+        steering: match wheel.steering {
+            Steering::Fixed { angle } => Steering::Fixed { angle: -angle },
+            other => other,
+        },
+        rim: match wheel.rim {
+            Rim::Plain => Rim::Plain,
+            Rim::Rollers { angle } => Rim::Rollers { angle: -angle },
+        },
+        ..wheel.clone()
+    };
+    let center = platform.body().center_of_mass;
+    let body = Body {
+        center_of_mass: vec2(center.x, -center.y),
+        ..*platform.body()
+    };
+    Platform::new(body, platform.wheels().iter().map(turned).collect()).expect("as mobile")
+}
+
+/// Where a platform is, how it moves and what acts on it.
+struct Situation {
+    yaw: f64,
+    downhill: f64,
+    twist: [f64; 3],
+    angles: Vec<f64>,
+    steering: Vec<f64>,
+    torques: Vec<f64>,
+    wrench: [f64; 3],
+}
+
+impl Situation {
+    fn mirrored(&self) -> Situation {
+        let turned = |all: &[f64]| all.iter().map(|value| -value).collect();
+        let [x, y, turn] = self.wrench;
+        Situation {
+            yaw: -self.yaw,
+            downhill: -self.downhill,
+            twist: [self.twist[0], -self.twist[1], -self.twist[2]],
+            angles: turned(&self.angles),
+            steering: turned(&self.steering),
+            torques: self.torques.clone(),
+            wrench: [x, -y, -turn],
+        }
+    }
+
+    /// Outputs, and the accelerations (V̇_x, V̇_y, ω̇).
+    fn of(&self, platform: &Platform<f64>) -> (Vec<f64>, [f64; 3]) {
+        let layout = platform.layout().clone();
+        let system = Rolling::new(platform.clone(), Ground::plane(9.81, 0.1, self.downhill));
+        let sizes = system.sizes();
+        let (mut x, mut u) = (vec![0.0; sizes.state], vec![0.0; sizes.input]);
+        x[YAW] = self.yaw;
+        for k in 0..layout.swivels.len() {
+            x[layout.swivel(k)] = self.angles[k];
+        }
+        let steered = layout.steered.len();
+        let [forward, left, turn] = self.twist;
+        let v = platform.velocity_from_twist(vec2(forward, left), turn, &self.steering[..steered]);
+        x[layout.velocity()..][..layout.dof()].copy_from_slice(&v[..layout.dof()]);
+        u[..layout.wheels].copy_from_slice(&self.torques[..layout.wheels]);
+        for k in 0..steered {
+            u[layout.steering_input() + k] = self.steering[k];
+        }
+        u[layout.wrench_input()..].copy_from_slice(&self.wrench);
+        let mut mode = vec![1.0; sizes.mode];
+        system.settle(&mut x, &u, &mut mode);
+        let (mut dx, mut y) = (vec![0.0; sizes.state], vec![0.0; sizes.output]);
+        system.derivative(&x, &u, &mode, &mut dx);
+        system.output(&x, &u, &mode, &mut y);
+        let (linear, angular) = platform.twist(&dx[layout.velocity()..]);
+        (y, [linear.x, linear.y, angular])
+    }
+}
+
+/// Where a robot stands and how the slope lies to it is all that counts; and a robot in a mirror
+/// does what its image does. Forces, accelerations, twist and rates, relative to the largest.
+#[test]
+fn invariant_frames_and_mirrors_of_random_platforms() {
+    let mut random = Random(42);
+    let mut mobile = 0;
+    let mut worst = 0.0_f64;
+    while mobile < 1000 {
+        let Ok(platform) = platform(&mut random) else {
+            continue;
+        };
+        mobile += 1;
+        let mut some =
+            |count: usize| -> Vec<f64> { (0..count).map(|_| random.between(-1.0, 1.0)).collect() };
+        let numbers = some(8);
+        let here = Situation {
+            yaw: 3.0 * numbers[0],
+            downhill: 3.0 * numbers[1],
+            twist: [numbers[2], numbers[3], numbers[4]],
+            wrench: [numbers[5], numbers[6], numbers[7]],
+            angles: some(6),
+            steering: some(6),
+            torques: some(6),
+        };
+        let turned = Situation {
+            yaw: here.yaw + 0.7,
+            downhill: here.downhill + 0.7,
+            angles: here.angles.clone(),
+            steering: here.steering.clone(),
+            torques: here.torques.clone(),
+            ..here
+        };
+        let (y, rates) = here.of(&platform);
+        let images = [
+            (turned.of(&platform), 1.0),
+            (here.mirrored().of(&mirrored(&platform)), -1.0),
+        ];
+        let scale = y.iter().chain(&rates).fold(1.0_f64, |a, b| a.max(b.abs()));
+        for ((image, image_rates), sign) in images {
+            let layout = platform.layout();
+            let mut pairs = vec![
+                (rates[0], image_rates[0]),
+                (rates[1], sign * image_rates[1]),
+                (rates[2], sign * image_rates[2]),
+                (y[0], image[0]),
+                (y[1], sign * image[1]),
+                (y[2], sign * image[2]),
+                (y[3], image[3]),
+                (y[6], image[6]),
+            ];
+            for i in 0..layout.wheels {
+                for (what, sign) in [
+                    (WheelOutput::SpinRate, 1.0),
+                    (WheelOutput::SteeringRate, sign),
+                    (WheelOutput::Torque, 1.0),
+                    (WheelOutput::Longitudinal, 1.0),
+                    (WheelOutput::Lateral, sign),
+                    (WheelOutput::Load, 1.0),
+                ] {
+                    let at = layout.wheel_output(i, what);
+                    pairs.push((y[at], sign * image[at]));
+                }
+            }
+            for (value, image) in pairs {
+                worst = worst.max((value - image).abs() / scale);
+            }
+        }
+    }
+    println!("worst {worst:e}");
+    // Rounding, through inverses of ill-conditioned mass matrices.
+    assert!(worst < 1e-10, "{worst:e}");
+}

@@ -1,0 +1,100 @@
+//! The kinematic single-track vehicle: a fixed rear axle and a steered front wheel.
+
+use crate::common::SLEIGH;
+use appell_model::drive::Drive;
+use appell_model::dynamics::Dynamics;
+use appell_model::kinematic::Kinematic;
+use appell_model::planar::vec2;
+use appell_model::platform::{Platform, YAW};
+use appell_model::wheel::{Steering, Wheel};
+
+/// A bicycle of wheelbase 1.1561957064 + 1.4227170936 m, wheels of 1 m, driven at the rear.
+fn bicycle() -> Platform<f64> {
+    let like = SLEIGH.platform().wheels()[0].clone();
+    let wheel = |name: &str, x: f64, steering, drive| Wheel {
+        name: name.into(),
+        mount: vec2(x, 0.0),
+        radius: 1.0,
+        steering,
+        drive,
+        ..like.clone()
+    };
+    let rear = Drive::Rate {
+        rate_max: f64::INFINITY,
+    };
+    Platform::new(
+        *SLEIGH.platform().body(),
+        vec![
+            wheel("rear", 0.0, Steering::Fixed { angle: 0.0 }, rear),
+            wheel(
+                "front",
+                1.156_195_706_4 + 1.422_717_093_6,
+                Steering::Driven,
+                Drive::None,
+            ),
+        ],
+    )
+    .expect("a bicycle")
+}
+
+/// The published derivative of CommonRoad's kinematic single-track model (M. Althoff, M. Koschi,
+/// S. Manzinger, *CommonRoad: composable benchmarks for motion planning on roads*, IEEE IV 2017;
+/// vehicle 2, a BMW 320i, test of the package's derivatives): position of the rear axle, steering
+/// angle, speed and heading, to 13 digits. Its speed is an input here.
+#[test]
+fn known_answer_commonroad_kinematic_single_track() {
+    let [x, y, steering, speed, yaw] = [
+        3.957_942_229_793_652_6,
+        0.039_165_010_277_140_5,
+        0.037_849_142_721_178_1,
+        16.354_695_786_088_357,
+        0.029_471_735_105_281_6,
+    ];
+    let expected = [
+        16.347_593_593_425_02,
+        0.481_931_488_601_312_1,
+        0.15,
+        0.240_142_657_862_762_9,
+    ];
+    let system = Kinematic::new(bicycle()).expect("driven");
+    let layout = system.platform().layout().clone();
+    let (mut state, mut u) = (vec![0.0; layout.state()], vec![0.0; layout.input()]);
+    (state[0], state[1], state[YAW]) = (x, y, yaw);
+    state[layout.swivel(0)] = steering;
+    system.platform().renew_angles(&mut state);
+    // The rear wheel's radius is 1 m.
+    u[0] = speed;
+    u[layout.steering_input()] = 0.15;
+    let mut rate = vec![0.0; layout.state()];
+    system.derivative(&state, &u, &[1.0, 1.0], &mut rate);
+    let found = [rate[0], rate[1], rate[layout.swivel(0)], rate[YAW]];
+    for (found, expected) in found.into_iter().zip(expected) {
+        // Thirteen digits.
+        assert!(
+            (found - expected).abs() < 1e-13 * expected.abs().max(1.0),
+            "{found} for {expected}"
+        );
+    }
+}
+
+/// Steady cornering: radius of the rear axle L / tan γ, of the front wheel L / sin γ, yaw rate
+/// v tan γ / L.
+#[test]
+fn known_answer_steady_cornering() {
+    let system = Kinematic::new(bicycle()).expect("driven");
+    let layout = system.platform().layout().clone();
+    let base = 1.156_195_706_4 + 1.422_717_093_6;
+    for steering in [-0.9_f64, -0.2, 0.05, 0.6, 1.2] {
+        let (mut state, mut u) = (vec![0.0; layout.state()], vec![0.0; layout.input()]);
+        state[layout.swivel(0)] = steering;
+        system.platform().renew_angles(&mut state);
+        u[0] = 2.0;
+        let mut y = vec![0.0; layout.output()];
+        system.output(&state, &u, &[1.0, 1.0], &mut y);
+        let (sin, cos) = appell_model::scalar::Scalar::sin_cos(steering);
+        assert!((y[2] - 2.0 * sin / cos / base).abs() < 1e-14);
+        let front = layout.wheel_output(1, appell_model::platform::WheelOutput::SpinRate);
+        // The front wheel rolls faster, as its circle is larger.
+        assert!((y[front] - 2.0 / cos).abs() < 1e-13);
+    }
+}
