@@ -8,10 +8,8 @@ use crate::drive::Drive;
 use crate::dynamics::{Dynamics, Sizes};
 use crate::planar::Vec2;
 use crate::platform::{BODY_OUTPUTS, LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
-use crate::scalar::{Mask, Scalar};
-use crate::solve::{
-    Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row,
-};
+use crate::scalar::Scalar;
+use crate::solve::{MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row};
 
 /// A platform whose wheels turn as commanded.
 #[derive(Clone, Debug)]
@@ -69,15 +67,14 @@ impl<T: Scalar> Kinematic<T> {
             rows[i] = self.platform.spin_row(i, &frame);
             add_outer(n, &mut normal, T::one(), &rows[i], &rows[i]);
         }
-        for (k, &i) in layout.steered.iter().enumerate() {
-            // Constraints may be added to the sum of squares without moving its constrained minimum;
-            // they make the matrix regular.
-            let frame = self.platform.wheel_frame(i, x);
-            if self.platform.wheels()[i].is_plain() {
-                let row = self.platform.lateral_row(&frame);
-                add_outer(n, &mut normal, T::one(), &row, &row);
-            }
-            normal[layout.eta + k][layout.eta + k] += T::one();
+        // Constraints may be added to the sum of squares without moving its constrained minimum; they
+        // make the matrix regular.
+        for &i in &layout.guides {
+            let row = self.platform.lateral_row(&self.platform.wheel_frame(i, x));
+            add_outer(n, &mut normal, T::one(), &row, &row);
+        }
+        for k in layout.eta..n {
+            normal[k][k] += T::one();
         }
         (rows, normal)
     }
@@ -108,18 +105,8 @@ impl<T: Scalar> Kinematic<T> {
         }
         let mut v = product(n, inverse, &right);
         if !layout.steered.is_empty() {
-            let mut mobility = Mobility::new(n, inverse);
-            for &i in &layout.steered {
-                if self.platform.wheels()[i].is_plain() {
-                    let frame = self.platform.wheel_frame(i, x);
-                    let condition = Condition {
-                        row: self.platform.lateral_row(&frame),
-                        value: T::zero(),
-                        active: T::Mask::splat(true),
-                    };
-                    mobility.impose(&condition, &mut v);
-                }
-            }
+            self.platform
+                .guide(x, &mut Mobility::new(n, inverse), &mut v);
         }
         v
     }

@@ -7,8 +7,8 @@
 
 use crate::drive::{DcMotor, Drive};
 use crate::planar::{Vec2, vec2};
-use crate::scalar::Scalar;
-use crate::solve::{MAX_DOF, Row, Square, add_outer, dot, zero_row};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::{Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, zero_row};
 use crate::wheel::{Rim, RollingRow, Steering, Wheel, WheelFrame};
 
 /// Largest number of wheels of a platform.
@@ -56,6 +56,11 @@ pub enum PlatformError {
     RollersOnCaster(String),
     /// A caster without trail does not swivel; the wheel's name.
     NoTrail(String),
+    /// A linked wheel must follow a wheel that a motor steers; its name.
+    NoLead(String),
+    /// An ideal linkage needs fixed wheels on one axle, and a wheel without mass, loss and drive; its
+    /// name.
+    NotGuided(String),
 }
 
 /// Where each quantity stands in the state, input and output vectors.
@@ -72,6 +77,8 @@ pub struct Layout {
     pub swivels: Vec<usize>,
     /// Wheels steered by a motor, in the order of ζ.
     pub steered: Vec<usize>,
+    /// Plain wheels turned by a motor, themselves or by a link: they must not slip along their axles.
+    pub guides: Vec<usize>,
     /// Wheels with the state of a motor current.
     pub motors: Vec<usize>,
     /// Place of each wheel's φ among the spin angles: wheels that only follow come last.
@@ -259,6 +266,24 @@ impl<T: Scalar> Platform<T> {
             (0..wheels.len()).filter(|&i| keep(&wheels[i])).collect()
         };
         let steered = select(&|w| matches!(w.steering, Steering::Driven));
+        for wheel in &wheels {
+            if let Steering::Linked { lead, .. } | Steering::Guided { lead } = wheel.steering
+                && !steered.contains(&lead)
+            {
+                return Err(PlatformError::NoLead(wheel.name.clone()));
+            }
+            if let Steering::Guided { lead } = wheel.steering {
+                // The fixed wheels roll ahead, and the lead does not stand on their axle.
+                let ahead = eta == 2 && nominal(basis[1][0].abs()) < 1e-9;
+                let reach = nominal(wheels[lead].mount.x + basis[1][1]).abs();
+                if !ahead || reach < 1e-9 || !wheel.is_plain() || !is_idle(wheel) {
+                    return Err(PlatformError::NotGuided(wheel.name.clone()));
+                }
+            }
+        }
+        let guides = select(&|w| {
+            w.is_plain() && matches!(w.steering, Steering::Driven | Steering::Linked { .. })
+        });
         if eta + steered.len() > MAX_DOF {
             return Err(PlatformError::SteeredCount(steered.len()));
         }
@@ -275,6 +300,7 @@ impl<T: Scalar> Platform<T> {
             spin_places,
             swivels: select(&Wheel::swivels),
             steered,
+            guides,
             motors: select(&|w| has_current(&w.drive)),
             eta,
             constant,
@@ -289,7 +315,7 @@ impl<T: Scalar> Platform<T> {
             .map(|wheel| {
                 let forward = match wheel.steering {
                     Steering::Fixed { angle } => direction(angle),
-                    Steering::Driven | Steering::Free { .. } => vec2(T::one(), T::zero()),
+                    _ => vec2(T::one(), T::zero()),
                 };
                 wheel.frame(forward.x, forward.y)
             })
@@ -391,12 +417,29 @@ impl<T: Scalar> Platform<T> {
         }
     }
 
-    /// Renews the cosines and sines that the state carries beside its angles.
+    /// Renews what the state carries beside its angles: the angles of linkages, then all cosines and
+    /// sines.
     #[inline(always)]
     pub fn renew_angles(&self, x: &mut [T]) {
         renew_angle(x, YAW);
         for k in 0..self.layout.swivels.len() {
-            renew_angle(x, self.layout.swivel(k));
+            let (i, at) = (self.layout.swivels[k], self.layout.swivel(k));
+            match self.wheels[i].steering {
+                Steering::Linked { lead, ratio } => {
+                    x[at] = ratio * x[self.layout.swivel(self.swivel_index(lead))];
+                }
+                Steering::Guided { lead } => {
+                    let angle = x[self.layout.swivel(self.swivel_index(lead))];
+                    let (sin, cos) = angle.sin_cos();
+                    let [across, along, apart] = self.guidance(i, lead);
+                    let reach = along.mul_add(cos, apart * sin);
+                    // Of the two senses of the wheel plane the one that points ahead when straight.
+                    let sense = T::one().copysign(along);
+                    x[at] = (across * sin * sense).atan2(reach * sense);
+                }
+                Steering::Fixed { .. } | Steering::Driven | Steering::Free { .. } => {}
+            }
+            renew_angle(x, at);
         }
     }
 
@@ -414,7 +457,7 @@ impl<T: Scalar> Platform<T> {
         let wheel = &self.wheels[i];
         match wheel.steering {
             Steering::Fixed { .. } => self.frames[i],
-            Steering::Driven | Steering::Free { .. } => {
+            _ => {
                 let k = self.swivel_index(i);
                 let at = self.layout.swivel(k);
                 wheel.frame(x[at + 1], x[at + 2])
@@ -431,6 +474,25 @@ impl<T: Scalar> Platform<T> {
             direction: frame.forward * rim.x + frame.left * rim.y,
             lever: self.wheels[i].radius * rim.x,
         }
+    }
+
+    #[inline(always)]
+    fn steered_index(&self, i: usize) -> usize {
+        let mut k = 0;
+        while self.layout.steered[k] != i {
+            k += 1;
+        }
+        k
+    }
+
+    /// Of a guided wheel: its distance ahead of the fixed axle, that of its lead, and how far the
+    /// lead stands to its left, m.
+    #[inline(always)]
+    fn guidance(&self, i: usize, lead: usize) -> [T; 3] {
+        // Two coordinates span the motion: the fixed axle stands where V_y = −x₀ ω.
+        let behind = self.basis[1][1];
+        let (own, lead) = (self.wheels[i].mount, self.wheels[lead].mount);
+        [own.x + behind, lead.x + behind, lead.y - own.y]
     }
 
     fn swivel_index(&self, i: usize) -> usize {
@@ -493,12 +555,23 @@ impl<T: Scalar> Platform<T> {
         let mut row = zero_row();
         match self.wheels[i].steering {
             Steering::Fixed { .. } => {}
-            Steering::Driven => {
-                let mut k = 0;
-                while self.layout.steered[k] != i {
-                    k += 1;
-                }
-                row[self.layout.eta + k] = T::one();
+            Steering::Driven => row[self.layout.eta + self.steered_index(i)] = T::one(),
+            Steering::Linked { lead, ratio } => {
+                row[self.layout.eta + self.steered_index(lead)] = ratio;
+            }
+            Steering::Guided { lead } => {
+                // tan γ = x s / (x_l c + Δy s) for the lead's angle with cosine c and sine s, in axes
+                // with their origin on the fixed wheels' axle.
+                let [across, along, apart] = self.guidance(i, lead);
+                // The frame of the lead is not at hand; that of the wheel itself gives its angle.
+                let (own_cos, own_sin) = (frame.forward.x, frame.forward.y);
+                let cos = across.mul_add(own_cos, -(apart * own_sin));
+                let sin = along * own_sin;
+                let size = cos.mul_add(cos, sin * sin);
+                let reach = along.mul_add(cos, apart * sin);
+                let ahead = across * sin;
+                let slope = across * along * size / reach.mul_add(reach, ahead * ahead);
+                row[self.layout.eta + self.steered_index(lead)] = slope;
             }
             Steering::Free { .. } => {
                 for k in 0..self.layout.eta {
@@ -533,6 +606,20 @@ impl<T: Scalar> Platform<T> {
                 .mul_add(contact[0][k], frame.left.y * contact[1][k]);
         }
         row
+    }
+
+    /// Takes from the velocities `v` what motor-steered wheels forbid, by the least change in the
+    /// sense of `mobility`.
+    #[inline(always)]
+    pub fn guide(&self, x: &[T], mobility: &mut Mobility<T>, v: &mut [T]) {
+        for &i in &self.layout.guides {
+            let condition = Condition {
+                row: self.lateral_row(&self.wheel_frame(i, x)),
+                value: T::zero(),
+                active: T::Mask::splat(true),
+            };
+            mobility.impose(&condition, v);
+        }
     }
 
     /// Whether wheel i takes part in the dynamics, and not only follows the motion.
@@ -649,8 +736,9 @@ impl<T: Scalar> Platform<T> {
         let trail = wheel.trail();
         let carried = velocity + frame.contact.perpendicular() * yaw_rate;
         let swivel = match wheel.steering {
-            Steering::Fixed { .. } | Steering::Driven => T::zero(),
             Steering::Free { trail } => -(steering_rate * frame.forward.dot(carried)) / trail,
+            // A guided wheel has no inertia that its angular acceleration could matter to.
+            _ => T::zero(),
         };
         let turned = rolling.direction.perpendicular().dot(carried) * steering_rate;
         let swept = yaw_rate * trail * steering_rate * rolling.direction.dot(frame.forward);
@@ -690,8 +778,12 @@ pub fn has_current<T: Scalar>(drive: &Drive<T>) -> bool {
 
 /// A caster that neither weighs nor loses anything follows the motion without a part in it.
 fn is_follower<T: Scalar>(wheel: &Wheel<T>) -> bool {
-    matches!(wheel.steering, Steering::Free { .. })
-        && matches!(wheel.drive, Drive::None)
+    matches!(wheel.steering, Steering::Free { .. }) && is_idle(wheel)
+}
+
+/// Whether the wheel has neither drive nor mass nor loss.
+fn is_idle<T: Scalar>(wheel: &Wheel<T>) -> bool {
+    matches!(wheel.drive, Drive::None)
         && [
             wheel.mass,
             wheel.inertia_vertical,
@@ -804,6 +896,11 @@ fn map_wheel<T: Scalar, U: Scalar>(
                 angle: at("steering.angle", angle),
             },
             Steering::Driven => Steering::Driven,
+            Steering::Linked { lead, ratio } => Steering::Linked {
+                lead,
+                ratio: at("steering.ratio", ratio),
+            },
+            Steering::Guided { lead } => Steering::Guided { lead },
             Steering::Free { trail } => Steering::Free {
                 trail: at("trail", trail),
             },

@@ -287,14 +287,13 @@ impl<T: Scalar> Rolling<T> {
         let inverse = self.inverse_mass(reduced);
         let mut v_rate = product(n, &inverse, &forces.total);
         let mut mobility = Mobility::new(n, &inverse);
-        for (k, &i) in layout.steered.iter().enumerate() {
-            if !self.platform.wheels()[i].is_plain() {
-                continue;
-            }
+        let v = &x[layout.velocity()..layout.velocity() + n];
+        for &i in &layout.guides {
             let frame = self.platform.wheel_frame(i, x);
+            let steering_rate = dot(n, &reduced.swivel[i], v);
             let condition = Condition {
                 row: self.platform.lateral_row(&frame),
-                value: self.lateral_drift(k, i, x, &frame, forces),
+                value: self.lateral_drift(i, steering_rate, &frame, forces),
                 active: T::Mask::splat(true),
             };
             mobility.impose(&condition, &mut v_rate);
@@ -396,14 +395,11 @@ impl<T: Scalar> Rolling<T> {
     #[inline(always)]
     fn lateral_drift(
         &self,
-        k: usize,
         i: usize,
-        x: &[T],
+        steering_rate: T,
         frame: &WheelFrame<T>,
         forces: &Forces<T>,
     ) -> T {
-        let layout = self.platform.layout();
-        let steering_rate = x[layout.velocity() + layout.eta + k];
         let mount = self.platform.wheels()[i].mount;
         let carried = forces.velocity + mount.perpendicular() * forces.yaw_rate;
         steering_rate * frame.forward.dot(carried)

@@ -19,6 +19,19 @@ pub enum Steering<T> {
     },
     /// A steering motor turns the wheel plane about the pivot above the contact.
     Driven,
+    /// A linkage turns the wheel plane by the angle of a steered wheel times a ratio.
+    Linked {
+        /// Index of the steered wheel.
+        lead: usize,
+        /// Ratio of the angles: 1 for a synchro drive, −1 for opposite ends.
+        ratio: T,
+    },
+    /// An ideal linkage keeps the wheel's axle through the center about which the robot turns, set
+    /// by a steered wheel and the axle of the fixed ones (Ackermann); the wheel only follows.
+    Guided {
+        /// Index of the steered wheel.
+        lead: usize,
+    },
     /// The wheel swivels freely: a caster, with its contact trailing the pivot.
     Free {
         /// Distance d from the pivot to the contact, against e, m; not zero.
@@ -97,8 +110,8 @@ impl<T: Scalar> Wheel<T> {
     #[inline(always)]
     pub fn trail(&self) -> T {
         match self.steering {
-            Steering::Fixed { .. } | Steering::Driven => T::zero(),
             Steering::Free { trail } => trail,
+            _ => T::zero(),
         }
     }
 
@@ -120,10 +133,7 @@ impl<T: Scalar> Wheel<T> {
 
     /// Whether the wheel plane turns, so that the wheel has a steering angle as a state.
     pub fn swivels(&self) -> bool {
-        match self.steering {
-            Steering::Fixed { .. } => false,
-            Steering::Driven | Steering::Free { .. } => true,
-        }
+        !matches!(self.steering, Steering::Fixed { .. })
     }
 }
 

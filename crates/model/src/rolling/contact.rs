@@ -103,11 +103,11 @@ impl<T: Scalar> Rolling<T> {
                     force = force - across;
                     moment -= frame.contact.cross(across);
                 }
-                Steering::Fixed { .. } | Steering::Driven if wheel.is_plain() => {
+                _ if wheel.is_plain() => {
                     shared[i] = true;
                     side[i] = side_row(&frame);
                 }
-                Steering::Fixed { .. } | Steering::Driven => {}
+                _ => {}
             }
         }
         // The rest falls to the side forces of fixed and steered wheels: the smallest that do it.

@@ -52,17 +52,7 @@ impl<T: Scalar> Rolling<T> {
         let energy = |v: &Row<T>| T::from(0.5) * dot(n, &product(n, &reduced.mass, v), v);
         let before = energy(&v);
         let mut mobility = Mobility::new(n, &inverse);
-        for &i in &layout.steered {
-            if self.platform.wheels()[i].is_plain() {
-                let frame = self.platform.wheel_frame(i, x);
-                let condition = Condition {
-                    row: self.platform.lateral_row(&frame),
-                    value: T::zero(),
-                    active: T::Mask::splat(true),
-                };
-                mobility.impose(&condition, &mut v);
-            }
-        }
+        self.platform.guide(x, &mut mobility, &mut v);
         for i in 0..layout.wheels {
             if self.axles[i].rubs {
                 let bound = self.bound(i, u);

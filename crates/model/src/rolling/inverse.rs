@@ -58,14 +58,14 @@ impl<T: Scalar> Rolling<T> {
             }
             columns.push(reduced.spin[i]);
         }
-        for (k, &i) in layout.steered.iter().enumerate() {
+        for k in layout.eta..n {
             let mut own = zero_row();
-            own[layout.eta + k] = T::one();
+            own[k] = T::one();
             columns.push(own);
-            if self.platform.wheels()[i].is_plain() {
-                let frame = self.platform.wheel_frame(i, x);
-                columns.push(self.platform.lateral_row(&frame));
-            }
+        }
+        for &i in &layout.guides {
+            let frame = self.platform.wheel_frame(i, x);
+            columns.push(self.platform.lateral_row(&frame));
         }
         // Least norm: z = Cᵀ (C Cᵀ)⁻¹ needed.
         let mut normal = [zero_row(); MAX_DOF];
@@ -102,14 +102,8 @@ impl<T: Scalar> Rolling<T> {
             demand.torque[i] = effort;
             forces.actions[i].torque = effort;
         }
-        let mut next = driven.len();
-        for &i in &layout.steered {
-            demand.steering[i] = efforts[next];
-            next += if self.platform.wheels()[i].is_plain() {
-                2
-            } else {
-                1
-            };
+        for (k, &i) in layout.steered.iter().enumerate() {
+            demand.steering[i] = efforts[driven.len() + k];
         }
         let (longitudinal, lateral) = self.contact_forces(x, &u, &reduced, &forces, &wanted);
         (demand.load, demand.tip_margin) = self.carry(x, &longitudinal, &lateral);

