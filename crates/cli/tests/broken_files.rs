@@ -60,6 +60,8 @@ impl Row {
     }
 }
 
+const CAR: &str = "scenarios/car.toml";
+const HOUSE: &str = "scenarios/house.toml";
 const SLALOM: &str = "scenarios/slalom.toml";
 const HOMING: &str = "scenarios/homing.toml";
 const GATE: &str = "scenarios/gate.toml";
@@ -123,6 +125,16 @@ const SCENARIOS: &[Row] = &[
     row("file-and-platform", SLALOM, ("[robot.controller]", "[robot.platform]\nname = \"other\"\n\n[robot.controller]"), "file", &["robot.tri.file: must not stand beside an inline platform", "keep one"]),
     row("neither-file-nor-platform", SLALOM, ("file = \"../robots/three-wheeler.toml\"\n", ""), "[[robot]]", &["robot.tri.platform: is missing", "name a robot file"]),
     row("motors-of-none", "scenarios/coast.toml", ("level = \"rolling\"", "drive = \"dc-motor\""), "drive", &["robot.cart.drive: must be another"]),
+    // Steering, noise, statistics.
+    row("odometry-of-steered", CAR, ("[robot.controller]", "[[robot.sensor]]\nkind = \"odometry\"\nperiod = 0.01\n\n[robot.controller]"), "[[robot.sensor]]", &["robot.car.sensor.odometry: must be of another kind"]),
+    row("skid-steer-turns", CAR, ("car-tenth.toml", "husky-a200.toml"), "[[robot]]", &["robot.car.level: must be one whose wheels may slip", "ideal rolling has no solution that turns", "slip"]),
+    row("noise-on-no-wheel", HOUSE, ("{ wheel = \"front-left\", file", "{ wheel = \"front\", file"), "    { wheel = \"front\"", &["robot.real.wheel_noise.front.wheel: must name a driven wheel, got \"front\"", "front-left"]),
+    row("noise-of-no-column", HOUSE, ("column = \"n1\"", "column = \"n9\""), "    { wheel = \"front-left\"", &["robot.real.wheel_noise.front-left.file: must have a column \"n9\""]),
+    row("noise-half-named", HOUSE, (", column = \"n1\"", ""), "    { wheel = \"front-left\"", &["robot.real.wheel_noise.front-left.column: is missing"]),
+    row("statistics-of-nobody", HOUSE, ("minus = \"real\"", "minus = \"unreal\""), "minus = \"unreal\"", &["statistics.difference.ideal less real.minus: must name a robot, got \"unreal\""]),
+    row("statistics-of-nothing", HOUSE, ("\"twist.forward\"", "\"twist.up\""), "signals", &["statistics.signals: must be signals of robot \"ideal\", got \"twist.up\""]).whole(),
+    row("stairs-down", HOUSE, ("at = [0.0, 4.0, 8.0", "at = [0.0, 9.0, 8.0"), "signal = ", &["robot.ideal.controller.channel.forward.signal.at: must be increasing times"]),
+    row("feedback-of-forces", HOUSE, ("level = \"kinematic\"\npose = [0.8, 1.4, 0.0]\nsensor = [{ kind = \"odometry\", name = \"note\", method = \"unrotated\", period = 0.05 }]\nwheel_noise", "level = \"rolling\"\npose = [0.8, 1.4, 0.0]\nsensor = [{ kind = \"odometry\", name = \"note\", method = \"unrotated\", period = 0.05 }]\nservo = { angle_feedback = 5.0 }\nwheel_noise"), "servo = ", &["robot.real.servo.angle_feedback: must be 0 but at level \"kinematic\""]),
     // Controllers, tasks, sensors, signals.
     row("unknown-beacon", SLALOM, ("\"b4\", \"b5\"]", "\"b4\", \"b6\"]"), "chain", &["robot.tri.task.chain: must name a beacon of the arena, got \"b6\"", "there are: b1, b2, b3, b4, b5"]),
     row("gate-of-one", GATE, ("beacons = [\"b1\", \"b2\"]", "beacons = [\"b1\", \"b1\"]"), "beacons", &["robot.p3dx.task.beacons: must be two different beacons, got \"b1\" twice"]),

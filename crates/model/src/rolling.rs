@@ -581,16 +581,24 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         };
         let at = layout.velocity();
         let mut held = T::Mask::splat(false);
+        let mut caught = T::Mask::splat(false);
         for i in 0..layout.wheels {
             if !self.axles[i].rubs {
                 continue;
             }
             let rate = dot(n, &reduced.spin[i], &x[at..at + n]);
             let bound = self.bound(i, u);
-            let rests = is_zero(mode[i]).or((rate * mode[i]).less_equal(T::zero()));
+            let rested = is_zero(mode[i]);
+            let rests = rested.or((rate * mode[i]).less_equal(T::zero()));
             let sticks = rests.and(T::zero().less(bound));
             mode[i] = T::select(sticks, T::zero(), T::one().copysign(rate));
             held = held.or(sticks);
+            caught = caught.or(sticks.and(rested.not()));
+        }
+        if steered && caught.any() {
+            // A wheel that the turning of others carries through rest is not held by its friction,
+            // and must not stop the robot.
+            self.release(x, u, mode, reduced);
         }
         if !steered && !held.any() {
             return;

@@ -61,7 +61,7 @@ pub fn platform(
         center_of_mass: vec2(file.body.center_of_mass[0], file.body.center_of_mass[1]),
         com_height: file.body.center_of_mass[2],
     };
-    let mut wheels: Vec<Wheel<f64>> = file.wheel.iter().map(|w| wheel(w, drives)).collect();
+    let mut wheels: Vec<Wheel<f64>> = file.wheel.iter().map(|w| wheel(w, file, drives)).collect();
     let bare = Platform::new(body, wheels.clone())?;
     for (i, load) in static_loads(&bare, gravity_normal).into_iter().enumerate() {
         wheels[i].dry_friction +=
@@ -107,17 +107,39 @@ pub fn rest_state(platform: &Platform<f64>, pose: [f64; 3], angles: &[f64]) -> V
     x
 }
 
-fn wheel(file: &scenario::Wheel, drives: DriveModel) -> Wheel<f64> {
+/// Start angles of the swivelling wheels, rad, in the order of their states; linkages find their own.
+pub fn start_angles(file: &scenario::Platform) -> Vec<f64> {
+    let angle = |wheel: &scenario::Wheel| match wheel.steering {
+        scenario::Steering::Fixed { .. } => None,
+        scenario::Steering::Free { angle_deg, .. }
+        | scenario::Steering::Steered { angle_deg, .. } => Some(angle_deg.to_radians()),
+        scenario::Steering::Linked { .. } | scenario::Steering::Guided { .. } => Some(0.0),
+    };
+    file.wheel.iter().filter_map(angle).collect()
+}
+
+fn wheel(file: &scenario::Wheel, platform: &scenario::Platform, drives: DriveModel) -> Wheel<f64> {
+    // A name that there is not leads beyond the list, where the platform refuses it.
+    let index = |name: &str| {
+        let found = platform.wheel.iter().position(|w| w.name == name);
+        found.unwrap_or(platform.wheel.len())
+    };
     let (drive, rotor) = drive(&file.drive, drives);
     Wheel {
         name: file.name.clone(),
         mount: vec2(file.mount[0], file.mount[1]),
         radius: file.radius,
-        steering: match file.steering {
+        steering: match &file.steering {
             scenario::Steering::Fixed { angle_deg } => Steering::Fixed {
                 angle: angle_deg.to_radians(),
             },
-            scenario::Steering::Free { trail, .. } => Steering::Free { trail },
+            scenario::Steering::Free { trail, .. } => Steering::Free { trail: *trail },
+            scenario::Steering::Steered { .. } => Steering::Driven,
+            scenario::Steering::Linked { to, ratio } => Steering::Linked {
+                lead: index(to),
+                ratio: *ratio,
+            },
+            scenario::Steering::Guided { by } => Steering::Guided { lead: index(by) },
         },
         rim: match file.rim {
             scenario::Rim::Plain => Rim::Plain,
@@ -213,6 +235,16 @@ pub fn explain(error: &PlatformError) -> (String, String, &'static str) {
             format!("wheel.{name}.rim"),
             "must be plain on a wheel that swivels freely, got rollers".into(),
             "leave the rim out, or give the wheel a steering of kind \"fixed\"",
+        ),
+        PlatformError::NoLead(name) => (
+            format!("wheel.{name}.steering"),
+            "must follow a wheel of steering kind \"steered\"".into(),
+            "name such a wheel",
+        ),
+        PlatformError::NotGuided(name) => (
+            format!("wheel.{name}.steering"),
+            "must guide a plain wheel without mass, loss and drive, by a steered wheel ahead of or behind the one axle of fixed wheels".into(),
+            "put mass and losses on the other wheels, or use steering kind \"linked\"",
         ),
         PlatformError::NoTrail(name) => (
             format!("wheel.{name}.steering.trail"),

@@ -3,8 +3,11 @@
 use appell_model::drive::Drive;
 use appell_model::math::hypot;
 use appell_model::math::single::atan2;
+use appell_model::planar::vec2;
+use appell_model::platform::Platform;
 use appell_model::solve::{dot, invert, product};
 use appell_model::support::Support;
+use appell_model::wheel::Steering;
 
 use crate::build::{self, DriveModel};
 use crate::scenario::Platform as File;
@@ -29,6 +32,52 @@ pub struct Design {
     pub warnings: Vec<String>,
 }
 
+/// Degrees of mobility and steerability at angles of the steered wheels that are nothing special
+/// (G. Campion, G. Bastin, B. d'Andréa-Novel, *Structural properties and classification of kinematic
+/// and dynamic models of wheeled mobile robots*, IEEE Transactions on Robotics and Automation 12(1),
+/// 1996).
+pub fn degrees(platform: &Platform<f64>) -> (usize, usize) {
+    let layout = platform.layout();
+    let mut x = vec![0.0; layout.state()];
+    for (k, &i) in layout.swivels.iter().enumerate() {
+        if layout.steered.contains(&i) {
+            x[layout.swivel(k)] = 0.3 + 0.17 * k as f64;
+        }
+    }
+    platform.renew_angles(&mut x);
+    let mut rest: Vec<Vec<f64>> = Vec::new();
+    for &i in &layout.guides {
+        let row = platform.lateral_row(&platform.wheel_frame(i, &x));
+        let mut row = row[..layout.eta].to_vec();
+        let size = row.iter().map(|v| v * v).sum::<f64>();
+        for unit in &rest {
+            let along: f64 = row.iter().zip(unit).map(|(a, b)| a * b).sum();
+            row.iter_mut().zip(unit).for_each(|(a, b)| *a -= along * b);
+        }
+        let left = row.iter().map(|v| v * v).sum::<f64>();
+        if left > 1e-16 * size {
+            let scale = 1.0 / left.sqrt();
+            rest.push(row.iter().map(|v| v * scale).collect());
+        }
+    }
+    let steerability = layout.steered.len().min(rest.len());
+    (layout.eta - rest.len(), steerability)
+}
+
+/// Why a robot cannot turn under ideal rolling, if it cannot: skid-steered ones.
+pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
+    let layout = platform.layout();
+    let v = {
+        let mut unit = appell_model::solve::zero_row();
+        unit[0] = 1.0;
+        unit
+    };
+    let (_, turn) = platform.twist(&v);
+    (layout.eta == 1 && turn == 0.0).then_some(
+        "the axles of its fixed wheels have no common center: ideal rolling goes straight; wheels that slip would turn it",
+    )
+}
+
 /// Derives the report for a gravity in m/s².
 ///
 /// # Panics
@@ -47,18 +96,23 @@ pub fn design(file: &File, gravity: f64) -> Design {
             note: note.into(),
         });
     };
-    let mobility = layout.eta;
+    let (mobility, steerability) = degrees(&platform);
     add(
         "degree of mobility δm",
         mobility.to_string(),
-        &format!("type ({mobility}, 0) of Campion, Bastin and d'Andréa-Novel; steerability δs = 0"),
+        &format!(
+            "type ({mobility}, {steerability}) of Campion, Bastin and d'Andréa-Novel; steerability δs = {steerability}"
+        ),
     );
+    if let Some(reason) = goes_straight_only(&platform) {
+        add("turning", "none".into(), reason);
+    }
     let lateral = wheels
         .iter()
-        .filter(|w| w.is_plain() && !w.swivels())
+        .filter(|w| w.is_plain() && matches!(w.steering, Steering::Fixed { .. }))
         .count();
     add(
-        "lateral constraints",
+        "fixed lateral constraints",
         format!("{lateral}, rank {}", layout.fixed_rank),
         &format!("{} redundant", lateral - layout.fixed_rank),
     );
@@ -82,9 +136,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
     let x = build::rest_state(&platform, [0.0; 3], &[]);
     let reduced = platform.reduce(&x);
     let inverse = invert(n, &reduced.mass);
-    let unit = |forward: f64, yaw: f64| {
-        platform.velocity_from_twist(appell_model::planar::vec2(forward, 0.0), yaw, &[])
-    };
+    let unit = |forward: f64, yaw: f64| platform.velocity_from_twist(vec2(forward, 0.0), yaw, &[]);
     let mut speed = f64::INFINITY;
     let mut turn = f64::INFINITY;
     let (mut push, mut hold) = (0.0, 0.0);
@@ -122,11 +174,40 @@ pub fn design(file: &File, gravity: f64) -> Design {
     }
     if speed.is_finite() {
         add("top speed", format!("{speed:.3} m/s"), "straight, no load");
-        add(
-            "top yaw rate",
-            format!("{turn:.3} rad/s"),
-            "on the spot, no load",
-        );
+        // Steered wheels turn a robot by their angles.
+        if layout.steered.is_empty() && turn < 1e6 {
+            add(
+                "top yaw rate",
+                format!("{turn:.3} rad/s"),
+                "on the spot, no load",
+            );
+        }
+    }
+    if layout.steered.is_empty() {
+        let x = build::rest_state(&platform, [0.0; 3], &[]);
+        let motions = [
+            ("forward at 1 m/s", [1.0, 0.0, 0.0]),
+            ("to the left at 1 m/s", [0.0, 1.0, 0.0]),
+            ("turning left at 1 rad/s", [0.0, 0.0, 1.0]),
+        ];
+        let driven: Vec<usize> = (0..wheels.len())
+            .filter(|&i| !matches!(wheels[i].drive, Drive::None))
+            .collect();
+        for (name, twist) in motions {
+            let v = platform.velocity_from_twist(vec2(twist[0], twist[1]), twist[2], &[]);
+            let (got, turning) = platform.twist(&v);
+            let off = hypot(got.x - twist[0], got.y - twist[1]).max((turning - twist[2]).abs());
+            if off > 1e-9 || driven.is_empty() {
+                continue;
+            }
+            let rates = platform.rates_from_twist(&x, twist);
+            // Rounding is no rate.
+            let text = |&i: &usize| format!("{:.3}", (rates[i] * 1e9).round() / 1e9 + 0.0);
+            let texts: Vec<String> = driven.iter().map(text).collect();
+            let names: Vec<&str> = driven.iter().map(|&i| wheels[i].name.as_str()).collect();
+            let note = format!("rad/s of {}", names.join(", "));
+            add(name, texts.join(", "), &note);
+        }
     }
     for (k, (name, v)) in [("speed", unit(1.0, 0.0)), ("yaw rate", unit(0.0, 1.0))]
         .into_iter()

@@ -115,12 +115,15 @@ fn draw_robot(
 }
 
 fn draw_wheel(wheel: &Wheel) -> Value {
+    // The angle of a wheel that swivels is a signal.
     let (kind, angle, trail) = match (&wheel.steering, &wheel.rim) {
-        (Steering::Free { trail, angle_deg }, _) => ("caster", *angle_deg, *trail),
+        (Steering::Free { trail, .. }, _) => ("caster", 0.0, *trail),
         (Steering::Fixed { angle_deg }, crate::scenario::Rim::Rollers { .. }) => {
             ("rollers", *angle_deg, 0.0)
         }
         (Steering::Fixed { angle_deg }, crate::scenario::Rim::Plain) => ("fixed", *angle_deg, 0.0),
+        (_, crate::scenario::Rim::Rollers { .. }) => ("rollers", 0.0, 0.0),
+        (_, crate::scenario::Rim::Plain) => ("steered", 0.0, 0.0),
     };
     let roller = match wheel.rim {
         crate::scenario::Rim::Rollers { angle_deg } => angle_deg.to_radians(),

@@ -29,6 +29,8 @@ pub struct Plant {
     /// Where each command, and the brake, stand in the model's input.
     commands: Vec<usize>,
     brake: usize,
+    /// Whether more wheels are driven than there are directions to go.
+    is_overdriven: bool,
     /// Step of the physics, s.
     step: f64,
     /// Mechanical and magnetic energy at the start, J: where the ledger begins.
@@ -113,17 +115,18 @@ impl Plant {
                 })
                 .collect()
         };
-        let commands = (0..layout.wheels)
+        let driven: Vec<usize> = (0..layout.wheels)
             .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some())
             .collect();
+        let is_overdriven = driven.len() > layout.eta;
+        let mut commands = driven;
+        commands.extend((0..layout.steered.len()).map(|k| layout.steering_input() + k));
         let prefix = format!("robot.{name}");
         let (inputs, mut outputs) = ports(&prefix, &platform, level);
         let system = match level {
             Level::Kinematic => {
                 // More wheels commanded than directions to go: they may disagree.
-                let driven = (0..layout.wheels)
-                    .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some());
-                if driven.count() > layout.eta {
+                if is_overdriven {
                     outputs.push(Port {
                         path: format!("{prefix}.internal_slip"),
                         unit: "rad/s".into(),
@@ -164,6 +167,7 @@ impl Plant {
             y,
             commands,
             brake: layout.brake_input(),
+            is_overdriven,
             step: numerics.step,
             energy_start: 0.0,
         };
@@ -281,7 +285,15 @@ pub fn command_signal(
     }
 }
 
-/// Inputs: a command per driven wheel, then the brake. Outputs: see [`Plant::observe`].
+/// Name and unit of the command of a steering motor.
+pub fn steering_signal(level: Level) -> (&'static str, &'static str) {
+    match level {
+        Level::Kinematic => ("steering_rate_command", "rad/s"),
+        Level::Rolling => ("steering_torque_command", "N·m"),
+    }
+}
+
+/// Inputs: a command per driven wheel, one per steering motor, then the brake. Outputs: see [`Plant::observe`].
 fn ports(prefix: &str, platform: &Platform<f64>, level: Level) -> (Vec<Port>, Vec<Port>) {
     let signal = |path: String, unit: &str| Signal {
         path: format!("{prefix}.{path}"),
@@ -292,6 +304,11 @@ fn ports(prefix: &str, platform: &Platform<f64>, level: Level) -> (Vec<Port>, Ve
         if let Some((name, unit)) = command_signal(&wheel.drive) {
             inputs.push(signal(format!("wheel.{}.{name}", wheel.name), unit));
         }
+    }
+    for &i in &platform.layout().steered {
+        let (name, unit) = steering_signal(level);
+        let wheel = &platform.wheels()[i].name;
+        inputs.push(signal(format!("wheel.{wheel}.{name}"), unit));
     }
     inputs.push(signal("brake".into(), "1"));
     let mut outputs = vec![
@@ -431,7 +448,7 @@ impl Block for Plant {
         let rolling = match &self.system {
             System::Rolling(rolling) => rolling,
             System::Kinematic(_) => {
-                if self.commands.len() > layout.eta {
+                if self.is_overdriven {
                     put(y[BODY_OUTPUTS - 1]);
                 }
                 return;

@@ -16,7 +16,7 @@ use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::record::{Header, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Signal,
-    Statistics, Steering,
+    Statistics,
 };
 use crate::servo::Servo;
 use crate::world::{RobotBlocks, SimError, World};
@@ -172,14 +172,7 @@ impl Run {
                 .expect("a checked scenario has platforms");
             let platform = build::platform(file, build::drive_model(robot), ground.gravity_normal)
                 .expect("a checked platform can be built");
-            let angles: Vec<f64> = file
-                .wheel
-                .iter()
-                .filter_map(|wheel| match wheel.steering {
-                    Steering::Free { angle_deg, .. } => Some(angle_deg.to_radians()),
-                    Steering::Fixed { .. } => None,
-                })
-                .collect();
+            let angles = build::start_angles(file);
             let start = Start {
                 pose: robot.pose,
                 twist: robot.twist,
@@ -252,7 +245,7 @@ impl Run {
                     path = Some(planned);
                     controllers.push((Box::new(follower), ticks(tuning.period)));
                     let period = robot.servo.period.unwrap_or(tuning.period);
-                    let servo = Servo::new(&robot.name, &platform, &robot.servo, period, &command);
+                    let servo = Servo::new(robot, &platform, period, &command);
                     controllers.push((Box::new(servo), ticks(period)));
                     if !robot.wheel_noise.is_empty() {
                         controllers.push(noise(period)?);
@@ -292,8 +285,7 @@ impl Run {
                     let mut last = *period;
                     if twisted {
                         let period = robot.servo.period.unwrap_or(*period);
-                        let servo =
-                            Servo::new(&robot.name, &platform, &robot.servo, period, &command);
+                        let servo = Servo::new(robot, &platform, period, &command);
                         controllers.push((Box::new(servo), ticks(period)));
                         last = period;
                     }

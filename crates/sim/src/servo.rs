@@ -4,14 +4,20 @@
 //! of the wanted acceleration plus a PI controller of the rate error; motors the voltage for that
 //! torque on top of their back-EMF. Limits are kept, and the integral part stops at them.
 
+use core::f64::consts::{FRAC_PI_2, PI};
+
 use appell_model::drive::Drive;
+use appell_model::math::hypot;
+use appell_model::math::single::atan2;
 use appell_model::planar::vec2;
 use appell_model::platform::{MAX_WHEELS, Platform};
-use appell_model::solve::{MAX_DOF, add_outer, dot, invert, product, zero_row};
+use appell_model::solve::{
+    MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row,
+};
 use appell_model::wheel::Wheel;
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
-use crate::scenario;
+use crate::scenario::{self, Level};
 use crate::signal::Signal;
 
 /// The cascade of one robot.
@@ -22,9 +28,88 @@ pub struct Servo {
     integral_time: f64,
     /// Feedback of rate (1) and angle (1/s) for ideal rate sources.
     feedback: Option<[f64; 2]>,
+    /// What turns steered wheels, if there are any.
+    steering: Option<Steering>,
     /// Per axle: last reference, rad/s, then the integral of the torque, N·m, or of the reference,
-    /// rad; then whether it has run.
+    /// rad; then whether it has run; then the wanted angle of each steered wheel, rad.
     state: Vec<f64>,
+}
+
+/// The steered wheels of a robot, and the geometry under their present angles.
+struct Steering {
+    platform: Platform<f64>,
+    level: Level,
+    /// Driven wheels.
+    driven: Vec<usize>,
+    leads: Vec<Lead>,
+    /// Scratch: a state with the measured steering angles.
+    x: Vec<f64>,
+    /// Inverse of the mass matrix, straight ahead: how a twist gives way to what the wheels allow.
+    inverse: Square<f64>,
+}
+
+/// A wheel that a motor steers.
+struct Lead {
+    wheel: usize,
+    limit: f64,
+    rate_max: f64,
+    torque_max: f64,
+    bandwidth: f64,
+    /// Gain of the rate loop, N·m·s/rad.
+    gain: f64,
+}
+
+impl Steering {
+    /// Finds the wanted angles (kept in `targets`) for a twist, writes the steering commands, and
+    /// gives the spin rate of each driven wheel, rad/s, for what the present angles allow of it.
+    fn act(
+        &mut self,
+        twist: &[f64],
+        angles: &[f64],
+        rates: &[f64],
+        targets: &mut [f64],
+        commands: &mut [f64],
+    ) -> [f64; MAX_WHEELS] {
+        let layout = self.platform.layout();
+        let (forward, left, turn) = (twist[0], twist[1], twist[2]);
+        for (k, lead) in self.leads.iter().enumerate() {
+            let mount = self.platform.wheels()[lead.wheel].mount;
+            let (ahead, aside) = (forward - turn * mount.y, left + turn * mount.x);
+            // Standing still it keeps its angle.
+            if hypot(ahead, aside) > 1e-6 {
+                let mut wanted = atan2(aside, ahead);
+                // A wheel rolls backwards as well: the nearer of both ends leads.
+                if wanted.abs() > FRAC_PI_2 {
+                    wanted -= PI.copysign(wanted);
+                }
+                targets[k] = wanted.clamp(-lead.limit, lead.limit);
+            }
+            let rate =
+                (lead.bandwidth * (targets[k] - angles[k])).clamp(-lead.rate_max, lead.rate_max);
+            commands[k] = match self.level {
+                Level::Kinematic => rate,
+                Level::Rolling => {
+                    (lead.gain * (rate - rates[k])).clamp(-lead.torque_max, lead.torque_max)
+                }
+            };
+            let at = layout.swivels.iter().position(|&i| i == lead.wheel);
+            self.x[layout.swivel(at.expect("a steered wheel swivels"))] = angles[k];
+        }
+        self.platform.renew_angles(&mut self.x);
+        let mut v = self
+            .platform
+            .velocity_from_twist(vec2(forward, left), turn, &[]);
+        let mut mobility = Mobility::new(layout.dof(), &self.inverse);
+        self.platform.guide(&self.x, &mut mobility, &mut v);
+        let mut wanted = [0.0; MAX_WHEELS];
+        for (k, &i) in self.driven.iter().enumerate() {
+            let row = self
+                .platform
+                .spin_row(i, &self.platform.wheel_frame(i, &self.x));
+            wanted[k] = dot(layout.eta, &row, &v);
+        }
+        wanted
+    }
 }
 
 /// One driven wheel as the servo knows it.
@@ -44,19 +129,19 @@ impl Servo {
     /// Derives gains from the platform: a wheel-rate loop of the given bandwidth (rad/s).
     /// Commands go to the ports that `to` names.
     pub fn new(
-        name: &str,
+        robot: &scenario::Robot,
         platform: &Platform<f64>,
-        file: &scenario::Servo,
         period: f64,
         to: &dyn Fn(&Wheel<f64>) -> Port,
     ) -> Servo {
-        let robot = format!("robot.{name}");
+        let (file, level) = (&robot.servo, robot.level);
+        let name = format!("robot.{}", robot.name);
         let wheels = platform.wheels();
         let driven: Vec<usize> = (0..wheels.len())
             .filter(|&i| crate::plant::command_signal(&wheels[i].drive).is_some())
             .collect();
         let port = |path: String, unit: &str| Signal {
-            path: format!("{robot}.{path}"),
+            path: format!("{name}.{path}"),
             unit: unit.to_owned(),
         };
         let mut inputs = vec![
@@ -77,20 +162,42 @@ impl Servo {
             }
         }
 
+        let leads = platform.layout().steered.clone();
+        for &i in &leads {
+            let wheel = &wheels[i].name;
+            inputs.push(port(format!("wheel.{wheel}.steering_angle"), "rad"));
+            inputs.push(port(format!("wheel.{wheel}.steering_rate"), "rad/s"));
+            let (field, unit) = crate::plant::steering_signal(level);
+            outputs.push(port(format!("wheel.{wheel}.{field}"), unit));
+        }
+
         let x = crate::build::rest_state(platform, [0.0; 3], &[]);
         let n = platform.layout().dof();
         let reduced = platform.reduce(&x);
         let inverse = invert(n, &reduced.mass);
+        let mut mobility = Mobility::new(n, &inverse);
+        platform.guide(&x, &mut mobility, &mut zero_row());
         let rows: Vec<_> = driven
             .iter()
             .map(|&i| platform.spin_row(i, &platform.wheel_frame(i, &x)))
             .collect();
-        // v̇ from the axles' accelerations by least squares, then the smallest torques for M v̇.
-        let mut normal = [zero_row::<f64>(); MAX_DOF];
-        for row in &rows {
-            add_outer(n, &mut normal, 1.0, row, row);
-        }
-        let pseudo = invert(n, &normal);
+        let mut inertias = if leads.is_empty() {
+            acceleration_torques(n, &reduced.mass, &rows)
+        } else {
+            guided_torques(n, mobility.matrix(), &rows)
+        };
+        let steering = (!leads.is_empty()).then(|| Steering {
+            platform: platform.clone(),
+            level,
+            driven: driven.clone(),
+            leads: leads
+                .iter()
+                .enumerate()
+                .map(|(k, &wheel)| lead(robot, platform, wheel, mobility.matrix(), k, period))
+                .collect(),
+            x: x.clone(),
+            inverse,
+        });
         let bandwidth = file.bandwidth.unwrap_or(0.2 / period);
         let axles = driven
             .iter()
@@ -101,15 +208,7 @@ impl Servo {
                     let v = platform.velocity_from_twist(vec2(t[0], t[1]), t[2], &[]);
                     dot(n, row, &v)
                 });
-                let share = product(n, &pseudo, row);
-                let inertia = rows
-                    .iter()
-                    .map(|other| {
-                        let v_rate = product(n, &pseudo, other);
-                        dot(n, &share, &product(n, &reduced.mass, &v_rate))
-                    })
-                    .collect();
-                let felt = 1.0 / dot(n, row, &product(n, &inverse, row));
+                let felt = 1.0 / dot(n, row, &product(n, mobility.matrix(), row));
                 let rate_max = match &wheel.drive {
                     Drive::None => 0.0,
                     Drive::Rate { rate_max } => *rate_max,
@@ -119,7 +218,7 @@ impl Servo {
                 };
                 Axle {
                     rate,
-                    inertia,
+                    inertia: inertias.remove(0),
                     viscous: wheel.viscous,
                     gain: bandwidth * felt,
                     drive: wheel.drive,
@@ -130,8 +229,9 @@ impl Servo {
         Servo {
             inputs,
             outputs,
-            state: vec![0.0; 2 * axles.len() + 1],
+            state: vec![0.0; 2 * axles.len() + 1 + leads.len()],
             axles,
+            steering,
             integral_time: file.integral_time,
             feedback,
         }
@@ -157,11 +257,36 @@ impl Block for Servo {
     ) -> Result<(), BlockError> {
         let count = self.axles.len();
         let (twist, measured) = input.split_at(3);
-        let (rates, angles) = measured.split_at(count);
+        let (rates, measured) = measured.split_at(count);
+        let (angles, steered) = match self.feedback {
+            Some(_) => measured.split_at(count),
+            None => (&[][..], measured),
+        };
+        let mut wanted = [0.0; MAX_WHEELS];
+        match &mut self.steering {
+            None => {
+                for (k, axle) in self.axles.iter().enumerate() {
+                    wanted[k] = (0..3).map(|j| axle.rate[j] * twist[j]).sum();
+                }
+            }
+            Some(steering) => {
+                let leads = steering.leads.len();
+                let mut turned = [[0.0; MAX_WHEELS]; 2];
+                for k in 0..leads {
+                    (turned[0][k], turned[1][k]) = (steered[2 * k], steered[2 * k + 1]);
+                }
+                wanted = steering.act(
+                    twist,
+                    &turned[0][..leads],
+                    &turned[1][..leads],
+                    &mut self.state[2 * count + 1..],
+                    &mut output[count..],
+                );
+            }
+        }
         // Too fast for one wheel is too fast for all: the path is kept, the speed is not.
         let mut scale: f64 = 1.0;
-        for axle in &self.axles {
-            let wanted: f64 = (0..3).map(|k| axle.rate[k] * twist[k]).sum();
+        for (axle, wanted) in self.axles.iter().zip(wanted) {
             if wanted.abs() > axle.rate_max {
                 scale = scale.min(axle.rate_max / wanted.abs());
             }
@@ -177,8 +302,8 @@ impl Block for Servo {
             }
         }
         let mut accelerations = [0.0; MAX_WHEELS];
-        for (k, axle) in self.axles.iter().enumerate() {
-            let wanted: f64 = (0..3).map(|j| axle.rate[j] * twist[j]).sum::<f64>() * scale;
+        for k in 0..count {
+            let wanted = wanted[k] * scale;
             if started {
                 accelerations[k] = (wanted - self.state[k]) / dt;
             }
@@ -217,6 +342,73 @@ impl Block for Servo {
 
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
         restore_numbers(&mut self.state, bytes)
+    }
+}
+
+/// Torque per acceleration of each axle: v̇ from the axles' accelerations by least squares, then the
+/// smallest torques for M v̇.
+fn acceleration_torques(n: usize, mass: &Square<f64>, rows: &[Row<f64>]) -> Vec<Vec<f64>> {
+    let mut normal = [zero_row::<f64>(); MAX_DOF];
+    for row in rows {
+        add_outer(n, &mut normal, 1.0, row, row);
+    }
+    let pseudo = invert(n, &normal);
+    let per_axle = |row: &Row<f64>| {
+        let share = product(n, &pseudo, row);
+        let inertia =
+            |other: &Row<f64>| dot(n, &share, &product(n, mass, &product(n, &pseudo, other)));
+        rows.iter().map(inertia).collect()
+    };
+    rows.iter().map(per_axle).collect()
+}
+
+/// The same where steered wheels guide: axles that must agree share what all together feel.
+fn guided_torques(n: usize, mobility: &Square<f64>, rows: &[Row<f64>]) -> Vec<Vec<f64>> {
+    let felt: f64 = rows
+        .iter()
+        .map(|row| dot(n, row, &product(n, mobility, row)))
+        .sum();
+    let own = |k: usize| {
+        let shares = (0..rows.len()).map(|j| if j == k { 1.0 / felt } else { 0.0 });
+        shares.collect()
+    };
+    (0..rows.len()).map(own).collect()
+}
+
+/// What is known of a steered wheel.
+fn lead(
+    robot: &scenario::Robot,
+    platform: &Platform<f64>,
+    wheel: usize,
+    mobility: &Square<f64>,
+    k: usize,
+    period: f64,
+) -> Lead {
+    let at = platform.layout().eta + k;
+    // What the steering motor feels.
+    let inertia = 1.0 / mobility[at][at];
+    let file = robot
+        .platform
+        .as_ref()
+        .expect("a checked robot has a platform");
+    match file.wheel[wheel].steering {
+        scenario::Steering::Steered {
+            angle_max_deg,
+            rate_max,
+            torque_max,
+            bandwidth,
+            ..
+        } => Lead {
+            wheel,
+            limit: angle_max_deg.to_radians(),
+            rate_max,
+            torque_max: torque_max.unwrap_or(f64::MAX),
+            bandwidth,
+            // The rate loop is four times as fast as that of the angle, so that the angle does not run
+            // over, but takes two periods at least.
+            gain: inertia * (4.0 * bandwidth).min(0.5 / period),
+        },
+        _ => unreachable!("only steered wheels are driven about their pivots"),
     }
 }
 

@@ -366,3 +366,44 @@ fn known_answer_house_tables() {
         assert!((row.std.expect("a number") - std).abs() < 5e-7, "{row:?}");
     }
 }
+
+/// A car under a constant twist drives a circle of radius v / ω, whatever its level of model, once
+/// its wheels have turned; and a steering motor keeps its limit of rate.
+#[test]
+fn invariant_steered_robots_drive_the_circle() {
+    let constant = |value: f64| format!("{{ kind = \"constant\", value = {value} }}");
+    for level in ["kinematic", "rolling"] {
+        for file in ["car.toml", "tricycle.toml"] {
+            let robot = if file == "car.toml" { "car" } else { "agv" };
+            let path = |field: &str| format!("robot.{robot}.{field}");
+            let forward = path("controller.channel.forward.signal");
+            let turn = path("controller.channel.yaw_rate.signal");
+            let (v, w) = (constant(0.3), constant(0.25));
+            let (at, kind) = (path("level"), format!("\"{level}\""));
+            let set = [(&*forward, &*v), (&*turn, &*w), (&*at, &*kind)];
+            let mut run = Run::new(&load(file, &set), 0).expect("valid");
+            let mut memory = recorder(&run);
+            while run.world.step(&mut memory).expect("steps") {}
+            let recording = memory.into_recording();
+            let column = |signal: &str| recording.column(&path(signal)).expect("recorded");
+            let (forward, turn) = (column("twist.forward"), column("twist.yaw_rate"));
+            let last = forward.len() - 1;
+            // The tracking error of wheel-rate loops with losses, at most a hundredth.
+            let radius = forward[last] / turn[last];
+            assert!(
+                (radius / 1.2 - 1.0).abs() < 0.01,
+                "{file} {level}: {radius}"
+            );
+            let wheel = if robot == "car" {
+                "front-left"
+            } else {
+                "front"
+            };
+            let limit = if robot == "car" { 6.0 } else { 3.0 };
+            let rates = column(&format!("wheel.{wheel}.steering_rate"));
+            let fastest = rates.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+            // At level `rolling` a motor's loop runs over by a little.
+            assert!(fastest <= 1.1 * limit, "{file} {level}: {fastest}");
+        }
+    }
+}

@@ -298,14 +298,44 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
                     "use \"torque\", or give the wheels drives of kind \"dc-motor\"",
                 );
             }
+            let steered = platform
+                .wheel
+                .iter()
+                .any(|w| matches!(w.steering, Steering::Steered { .. }));
+            if steered
+                && let Some(sensor) = robot
+                    .sensor
+                    .iter()
+                    .find(|s| matches!(s, Sensor::Odometry { .. }))
+            {
+                c.refuse(
+                    format!("{base}.sensor.{}", sensor_name(sensor)),
+                    "must be of another kind: odometry does not know steering angles",
+                    "use a sensor of kind \"pose\"",
+                );
+            }
+            check_mobility(c, robot, platform);
             check_controller(c, robot, &driven, scenario, folder);
         }
     }
     for sensor in &robot.sensor {
         check_sensor(c, sensor, &base, step);
     }
-    let names = robot.sensor.iter().map(sensor_name);
-    c.unique(&path("sensor"), "kind or name", names);
+    let mut seen = BTreeSet::new();
+    for (index, sensor) in robot.sensor.iter().enumerate() {
+        let name = sensor_name(sensor);
+        if !seen.insert(name) {
+            let field = match sensor {
+                Sensor::Odometry { .. } => "name",
+                _ => "kind",
+            };
+            c.refuse(
+                format!("{base}.sensor.{index}.{field}"),
+                format!("must differ from the others, got \"{name}\" twice"),
+                "paths address entries by their names",
+            );
+        }
+    }
     check_wheel_noise(c, robot, folder);
     if let Some(period) = robot.servo.period {
         c.period(path("servo.period"), period, step);
@@ -511,6 +541,25 @@ fn check_statistics(c: &mut Checker, scenario: &Scenario, statistics: &Statistic
         for signal in &ratio.signals {
             known(path("signals"), signal, &signals, "signal of the tables");
         }
+    }
+}
+
+/// What a set of wheels cannot do however it is controlled.
+fn check_mobility(c: &mut Checker, robot: &Robot, file: &Platform) {
+    let Ok(platform) = crate::build::platform(file, crate::build::DriveModel::AsBuilt, 9.81) else {
+        return;
+    };
+    let turns = match &robot.controller {
+        None => false,
+        Some(Controller::Signals { channel, .. }) => channel.iter().any(|c| c.to == "yaw_rate"),
+        Some(_) => true,
+    };
+    if turns && crate::design::goes_straight_only(&platform).is_some() {
+        c.refuse(
+            format!("robot.{}.level", robot.name),
+            "must be one whose wheels may slip: this robot steers by skidding, and ideal rolling has no solution that turns",
+            "level \"slip\" will have one, which this version does not know yet; give a wheel a steering, casters or rollers, or command its wheels straight ahead",
+        );
     }
 }
 
@@ -839,12 +888,20 @@ fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str) {
     for wheel in &platform.wheel {
         wheel_rules(c, wheel, &path(&format!("wheel.{}", wheel.name)));
     }
-    if c.problems.len() == before
-        && let Err(error) =
-            crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81)
-    {
-        let (field, problem, hint) = crate::build::explain(&error);
-        c.refuse(path(&field), problem, hint);
+    if c.problems.len() > before {
+        return;
+    }
+    match crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81) {
+        Err(error) => {
+            let (field, problem, hint) = crate::build::explain(&error);
+            c.refuse(path(&field), problem, hint);
+        }
+        Ok(built) if crate::design::degrees(&built).0 == 0 => c.refuse(
+            path("wheel"),
+            "must leave a way to roll: the steered wheels' axles and those of the others have no common center, got no motion",
+            "link the steered wheels (steering kind \"linked\" or \"guided\"), or let some swivel",
+        ),
+        Ok(_) => {}
     }
 }
 
@@ -868,9 +925,51 @@ fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
     ] {
         c.not_negative(path(field), value);
     }
-    match wheel.steering {
-        Steering::Fixed { angle_deg } => c.finite(path("steering.angle_deg"), angle_deg),
-        Steering::Free { trail, angle_deg } => {
+    match &wheel.steering {
+        &Steering::Fixed { angle_deg } => c.finite(path("steering.angle_deg"), angle_deg),
+        Steering::Steered {
+            angle_deg,
+            angle_max_deg,
+            rate_max,
+            torque_max,
+            bandwidth,
+        } => {
+            c.require(
+                *angle_max_deg > 0.0 && *angle_max_deg <= 180.0,
+                path("steering.angle_max_deg"),
+                "in (0, 180]",
+                number(*angle_max_deg),
+            );
+            c.require(
+                angle_deg.abs() <= *angle_max_deg,
+                path("steering.angle_deg"),
+                &format!("within ± angle_max_deg = {}", number(*angle_max_deg)),
+                number(*angle_deg),
+            );
+            c.positive(path("steering.rate_max"), *rate_max);
+            c.positive(path("steering.bandwidth"), *bandwidth);
+            if let Some(torque) = torque_max {
+                c.positive(path("steering.torque_max"), *torque);
+            }
+            if wheel.vertical_inertia <= 0.0 {
+                c.refuse(
+                    path("vertical_inertia"),
+                    format!(
+                        "must be > 0 on a steered wheel, got {}",
+                        wheel.vertical_inertia
+                    ),
+                    "the steering motor turns it; m (3 r² + w²) / 12 of a solid cylinder will do",
+                );
+            }
+        }
+        Steering::Linked { ratio, .. } => c.require(
+            ratio.is_finite() && *ratio != 0.0,
+            path("steering.ratio"),
+            "finite and not 0",
+            number(*ratio),
+        ),
+        Steering::Guided { .. } => {}
+        &Steering::Free { trail, angle_deg } => {
             c.finite(path("steering.angle_deg"), angle_deg);
             if !(trail.is_finite() && trail != 0.0) {
                 c.refuse(

@@ -359,6 +359,38 @@ pub enum Steering {
         #[serde(default)]
         angle_deg: f64,
     },
+    /// Turned by a steering motor about the pivot above its contact.
+    Steered {
+        /// Angle at the start, degrees.
+        #[serde(default)]
+        angle_deg: f64,
+        /// Largest angle to either side, degrees.
+        angle_max_deg: f64,
+        /// Largest rate of turning, rad/s.
+        #[serde(default = "defaults::steering_rate")]
+        rate_max: f64,
+        /// Largest torque of the steering motor, N·m; unlimited if left out.
+        #[serde(default)]
+        torque_max: Option<f64>,
+        /// Bandwidth of the loop that turns it to the wanted angle, rad/s.
+        #[serde(default = "defaults::steering_bandwidth")]
+        bandwidth: f64,
+    },
+    /// Turned by a linkage in proportion to a steered wheel.
+    Linked {
+        /// Name of the steered wheel.
+        to: String,
+        /// Its angle is this times that of the steered wheel: 1 for a synchro drive, −1 for the other
+        /// end of a vehicle that steers at both.
+        #[serde(default = "defaults::one")]
+        ratio: f64,
+    },
+    /// Turned by an ideal (Ackermann) linkage so that its axle goes through the center of the turn,
+    /// which a steered wheel and the axle of the fixed ones set. It has no mass, loss and drive.
+    Guided {
+        /// Name of the steered wheel.
+        by: String,
+    },
 }
 
 impl Default for Steering {
@@ -847,6 +879,12 @@ mod defaults {
     }
     pub fn beacon_radius() -> f64 {
         0.05
+    }
+    pub fn steering_rate() -> f64 {
+        4.0
+    }
+    pub fn steering_bandwidth() -> f64 {
+        20.0
     }
     pub fn decimals() -> u32 {
         6

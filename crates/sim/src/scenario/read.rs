@@ -338,7 +338,7 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
 
 /// By what an entry of a list is addressed.
 fn entry_name(value: &Value) -> String {
-    ["name", "kind", "to"]
+    ["name", "kind", "to", "wheel"]
         .iter()
         .find_map(|key| value.get(key).and_then(Value::as_str))
         .unwrap_or("?")
@@ -613,7 +613,7 @@ fn find_span(root: &Item, path: &str) -> Option<usize> {
         rest = behind;
         let inner = match entries(item) {
             Some(entries) => entries.into_iter().enumerate().find_map(|(index, entry)| {
-                let name = ["name", "kind", "to"]
+                let name = ["name", "kind", "to", "wheel"]
                     .iter()
                     .find_map(|key| entry.0.get(key).and_then(Item::as_str));
                 let count = naming(name.unwrap_or("?"), index, rest)?;
