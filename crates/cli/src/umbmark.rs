@@ -44,11 +44,13 @@ fn rounds(options: &UmbmarkOptions) -> Result<Tested, String> {
         }
     };
     within("side", options.side, 0.01, 1e4)?;
-    within("diameter-ratio", options.diameter_ratio, 0.8, 1.25)?;
-    within("track-ratio", options.track_ratio, 0.8, 1.25)?;
-    within("slip", options.slip, 0.0, 1.0)?;
+    within("diameter-ratio", options.diameter_ratio, 0.9, 1.1)?;
+    within("track-ratio", options.track_ratio, 0.92, 1.08)?;
+    within("slip", options.slip, 0.0, 0.002 * options.side)?;
     within("runs", options.runs as f64, 1.0, 1e5)?;
     within("rounds", options.rounds as f64, 1.0, 100.0)?;
+    let drives = (options.runs * options.rounds as u64) as f64;
+    within("runs times --rounds", drives, 1.0, 1e6)?;
     let robot = scenario::load_robot(&options.robot).map_err(|error| error.to_string())?;
     let platform = build::platform(&robot, DriveModel::Rate, 9.81).expect("a checked platform");
     let track = umbmark::track(&platform)
@@ -57,6 +59,16 @@ fn rounds(options: &UmbmarkOptions) -> Result<Tested, String> {
         side: options.side,
         track,
     };
+    // Beyond that the end points no longer tell by how much it is off.
+    const BEND: f64 = 0.15;
+    let reach = BEND * track / options.side;
+    if (options.diameter_ratio - 1.0).abs() > reach {
+        return Err(format!(
+            "--diameter-ratio must be within {:.5} of 1 for a side of {} m and a track of {track} m, got {}\n  \
+             hint: a side bends by {BEND} rad there; take a shorter --side",
+            reach, options.side, options.diameter_ratio
+        ));
+    }
     let built = Geometry {
         diameters: options.diameter_ratio,
         track: options.track_ratio,
@@ -120,6 +132,8 @@ fn text(
         text.push_str("\nnothing to correct: the robot is as it believes");
     } else if last < 1e-12 * first.max(1.0) {
         text.push_str("\nthe corrections leave no systematic error but rounding");
+    } else if last > first {
+        text.push_str("\nthe corrections do not help: the wheels slip more than the geometry errs");
     } else {
         text.push_str(&format!(
             "\nthe corrections make the systematic error {} times smaller",

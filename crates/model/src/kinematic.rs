@@ -9,7 +9,9 @@ use crate::dynamics::{Dynamics, Sizes};
 use crate::planar::Vec2;
 use crate::platform::{BODY_OUTPUTS, LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
 use crate::scalar::Scalar;
-use crate::solve::{MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row};
+use crate::solve::{
+    MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, invert_known, product, zero_row,
+};
 
 /// A platform whose wheels turn as commanded.
 #[derive(Clone, Debug)]
@@ -89,7 +91,12 @@ impl<T: Scalar> Kinematic<T> {
             Some((rows, inverse)) => (rows, inverse),
             None => {
                 let (rows, normal) = self.normal(x);
-                varying = (rows, invert(n, &normal));
+                // A steered wheel across the way of the driven ones leaves a direction unknown.
+                let mut trace = T::zero();
+                for k in 0..n {
+                    trace += normal[k][k];
+                }
+                varying = (rows, invert_known(n, &normal, trace * T::from(1e-12)));
                 (&varying.0, &varying.1)
             }
         };

@@ -58,8 +58,8 @@ pub enum PlatformError {
     NoTrail(String),
     /// A linked wheel must follow a wheel that a motor steers; its name.
     NoLead(String),
-    /// An ideal linkage needs fixed wheels on one axle, and a wheel without mass, loss and drive; its
-    /// name.
+    /// An ideal linkage needs fixed wheels on one axle, both wheels off it, and a wheel without mass,
+    /// loss and drive; its name.
     NotGuided(String),
 }
 
@@ -275,7 +275,8 @@ impl<T: Scalar> Platform<T> {
             if let Steering::Guided { lead } = wheel.steering {
                 // The fixed wheels roll ahead, and the lead does not stand on their axle.
                 let ahead = eta == 2 && nominal(basis[1][0].abs()) < 1e-9;
-                let reach = nominal(wheels[lead].mount.x + basis[1][1]).abs();
+                let reach = |x: T| nominal(x + basis[1][1]).abs();
+                let reach = reach(wheels[lead].mount.x).min(reach(wheel.mount.x));
                 if !ahead || reach < 1e-9 || !wheel.is_plain() || !is_idle(wheel) {
                     return Err(PlatformError::NotGuided(wheel.name.clone()));
                 }
@@ -463,6 +464,11 @@ impl<T: Scalar> Platform<T> {
                 wheel.frame(x[at + 1], x[at + 2])
             }
         }
+    }
+
+    /// γ of a wheel that swivels, rad.
+    pub fn steering_angle(&self, i: usize, x: &[T]) -> T {
+        x[self.layout.swivel(self.swivel_index(i))]
     }
 
     /// Direction and lever arm of the force along which the rim of wheel i resists.

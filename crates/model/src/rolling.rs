@@ -137,6 +137,15 @@ impl<T: Scalar> Rolling<T> {
         }
     }
 
+    /// The reduced equations at a state: those that do not change, or new ones, kept in `room`.
+    #[inline(always)]
+    fn reduced_in<'a>(&'a self, x: &[T], room: &'a mut Option<Reduced<T>>) -> &'a Reduced<T> {
+        match &self.constant {
+            Some(constant) => &constant.reduced,
+            None => room.insert(self.platform.reduce(x)),
+        }
+    }
+
     /// Whether nothing acts under this input but drives and viscous friction, on level ground.
     #[inline(always)]
     fn is_plain(&self, u: &[T]) -> bool {
@@ -306,14 +315,8 @@ impl<T: Scalar> Rolling<T> {
     fn any_derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
         let layout = self.platform.layout();
         let n = layout.dof();
-        let varying;
-        let reduced = match &self.constant {
-            Some(constant) => &constant.reduced,
-            None => {
-                varying = self.platform.reduce(x);
-                &varying
-            }
-        };
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
         let forces = self.forces(x, u, mode, reduced);
         let v_rate = self.acceleration(x, reduced, &forces);
         let (velocity, yaw_rate) = (forces.velocity, forces.yaw_rate);
@@ -442,14 +445,8 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
         let layout = self.platform.layout();
         let n = layout.dof();
-        let varying;
-        let reduced = match &self.constant {
-            Some(constant) => &constant.reduced,
-            None => {
-                varying = self.platform.reduce(x);
-                &varying
-            }
-        };
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
         let forces = self.forces(x, u, mode, reduced);
         let v_rate = self.acceleration(x, reduced, &forces);
         let (longitudinal, lateral) = self.contact_forces(x, u, reduced, &forces, &v_rate);
@@ -534,14 +531,8 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         if !self.any_rubs {
             return;
         }
-        let varying;
-        let reduced = match &self.constant {
-            Some(constant) => &constant.reduced,
-            None => {
-                varying = self.platform.reduce(x);
-                &varying
-            }
-        };
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
         let at = layout.velocity();
         let n = layout.dof();
         let mut resting = T::Mask::splat(false);
@@ -571,14 +562,8 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         if !steered && !self.any_rubs {
             return;
         }
-        let varying;
-        let reduced = match &self.constant {
-            Some(constant) => &constant.reduced,
-            None => {
-                varying = self.platform.reduce(x);
-                &varying
-            }
-        };
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
         let at = layout.velocity();
         let mut held = T::Mask::splat(false);
         let mut caught = T::Mask::splat(false);

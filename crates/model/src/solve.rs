@@ -77,6 +77,42 @@ pub fn invert<T: Scalar>(n: usize, matrix: &Square<T>) -> Square<T> {
     a
 }
 
+/// Inverse of a symmetric positive semidefinite matrix of size n on the directions that it knows: a
+/// pivot below `floor` marks one that it does not, which maps to zero.
+#[inline(always)]
+pub fn invert_known<T: Scalar>(n: usize, matrix: &Square<T>, floor: T) -> Square<T> {
+    let mut a = *matrix;
+    let mut known = [T::Mask::splat(true); MAX_DOF];
+    for k in 0..n {
+        known[k] = floor.less(a[k][k]);
+        let pivot = T::one() / T::select(known[k], a[k][k], T::one());
+        a[k][k] = T::one();
+        for j in 0..n {
+            a[k][j] = T::select(known[k], a[k][j] * pivot, T::zero());
+        }
+        for i in 0..n {
+            if i != k {
+                let factor = T::select(known[k], a[i][k], T::zero());
+                a[i][k] = T::zero();
+                for j in 0..n {
+                    a[i][j] = (-factor).mul_add(a[k][j], a[i][j]);
+                }
+            }
+        }
+    }
+    for i in 0..n {
+        for j in 0..n {
+            let both = known[i].and(known[j]);
+            a[i][j] = T::select(
+                both,
+                a[if j < i { j } else { i }][if j < i { i } else { j }],
+                T::zero(),
+            );
+        }
+    }
+    a
+}
+
 /// Solves a symmetric positive semidefinite system of size n ≤ N by LDLᵀ; a pivot below `floor`
 /// marks a redundant row, whose unknown is set to zero.
 #[inline(always)]

@@ -243,7 +243,7 @@ pub fn explain(error: &PlatformError) -> (String, String, &'static str) {
         ),
         PlatformError::NotGuided(name) => (
             format!("wheel.{name}.steering"),
-            "must guide a plain wheel without mass, loss and drive, by a steered wheel ahead of or behind the one axle of fixed wheels".into(),
+            "must guide a plain wheel without mass, loss and drive, which stands, as the steered wheel does, ahead of or behind the one axle of fixed wheels".into(),
             "put mass and losses on the other wheels, or use steering kind \"linked\"",
         ),
         PlatformError::NoTrail(name) => (

@@ -73,7 +73,7 @@ pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
         unit
     };
     let (_, turn) = platform.twist(&v);
-    (layout.eta == 1 && turn == 0.0).then_some(
+    (layout.eta == 1 && turn.abs() < 1e-9).then_some(
         "the axles of its fixed wheels have no common center: ideal rolling goes straight; wheels that slip would turn it",
     )
 }
@@ -184,7 +184,6 @@ pub fn design(file: &File, gravity: f64) -> Design {
         }
     }
     if layout.steered.is_empty() {
-        let x = build::rest_state(&platform, [0.0; 3], &[]);
         let motions = [
             ("forward at 1 m/s", [1.0, 0.0, 0.0]),
             ("to the left at 1 m/s", [0.0, 1.0, 0.0]),

@@ -4,7 +4,7 @@ use appell_model::kinematic::along_arc;
 use appell_model::math::single::{atan2, sin_cos};
 use appell_model::math::{hypot, wrap_angle};
 use appell_model::planar::vec2;
-use appell_model::platform::Platform;
+use appell_model::platform::{Platform, PlatformError};
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
 use crate::layout::Beacon;
@@ -154,6 +154,23 @@ pub fn build(
     }
 }
 
+/// The platform with wheels `radius_scale` times as large on a track `track_scale` times as wide.
+///
+/// # Errors
+/// Its wheels may be locked: axles that met in one point need not do so any more.
+pub fn believed(
+    platform: &Platform<f64>,
+    radius_scale: f64,
+    track_scale: f64,
+) -> Result<Platform<f64>, PlatformError> {
+    let mut wheels = platform.wheels().to_vec();
+    for wheel in &mut wheels {
+        wheel.radius *= radius_scale;
+        wheel.mount.y *= track_scale;
+    }
+    Platform::new(*platform.body(), wheels)
+}
+
 /// Rows (forward, left, yaw rate) over the driven wheels' rates: least squares, `[eq:kinematic]`,
 /// for wheels believed larger by `radius_scale` and a track believed wider by `track_scale`.
 fn twist_from_rates(
@@ -163,15 +180,8 @@ fn twist_from_rates(
     track_scale: f64,
 ) -> [Vec<f64>; 3] {
     use appell_model::solve::{MAX_DOF, add_outer, invert, product, zero_row};
-    let believed = platform.map(&mut |path, value| {
-        if path.ends_with(".radius") {
-            value * radius_scale
-        } else if path.ends_with(".mount.y") {
-            value * track_scale
-        } else {
-            value
-        }
-    });
+    let believed = believed(platform, radius_scale, track_scale)
+        .expect("a checked odometry believes in a platform that can move");
     let n = believed.layout().dof();
     let x = crate::build::rest_state(&believed, [0.0; 3], &[]);
     let rows: Vec<_> = driven

@@ -51,9 +51,14 @@ struct Steering {
 /// A wheel that a motor steers.
 struct Lead {
     wheel: usize,
+    /// Whether other wheels are linked to it.
+    is_linked: bool,
+    /// Index of its angle in the state.
+    at: usize,
     limit: f64,
     rate_max: f64,
     torque_max: f64,
+    /// Gain of the angle's loop, rad/s.
     bandwidth: f64,
     /// Gain of the rate loop, N·m·s/rad.
     gain: f64,
@@ -70,13 +75,15 @@ impl Steering {
         targets: &mut [f64],
         commands: &mut [f64],
     ) -> [f64; MAX_WHEELS] {
-        let layout = self.platform.layout();
         let (forward, left, turn) = (twist[0], twist[1], twist[2]);
-        for (k, lead) in self.leads.iter().enumerate() {
-            let mount = self.platform.wheels()[lead.wheel].mount;
+        for k in 0..self.leads.len() {
+            let mount = self.platform.wheels()[self.leads[k].wheel].mount;
             let (ahead, aside) = (forward - turn * mount.y, left + turn * mount.x);
             // Standing still it keeps its angle.
-            if hypot(ahead, aside) > 1e-6 {
+            if self.leads[k].is_linked && hypot(ahead, aside) > 1e-6 {
+                targets[k] = self.aim(k, twist, angles[k]);
+            } else if hypot(ahead, aside) > 1e-6 {
+                let lead = &self.leads[k];
                 let mut wanted = atan2(aside, ahead);
                 // A wheel rolls backwards as well: the nearer of both ends leads.
                 if wanted.abs() > FRAC_PI_2 {
@@ -84,6 +91,7 @@ impl Steering {
                 }
                 targets[k] = wanted.clamp(-lead.limit, lead.limit);
             }
+            let lead = &self.leads[k];
             let rate =
                 (lead.bandwidth * (targets[k] - angles[k])).clamp(-lead.rate_max, lead.rate_max);
             commands[k] = match self.level {
@@ -92,15 +100,12 @@ impl Steering {
                     (lead.gain * (rate - rates[k])).clamp(-lead.torque_max, lead.torque_max)
                 }
             };
-            let at = layout.swivels.iter().position(|&i| i == lead.wheel);
-            self.x[layout.swivel(at.expect("a steered wheel swivels"))] = angles[k];
         }
-        self.platform.renew_angles(&mut self.x);
-        let mut v = self
-            .platform
-            .velocity_from_twist(vec2(forward, left), turn, &[]);
-        let mut mobility = Mobility::new(layout.dof(), &self.inverse);
-        self.platform.guide(&self.x, &mut mobility, &mut v);
+        for (k, lead) in self.leads.iter().enumerate() {
+            self.x[lead.at] = angles[k];
+        }
+        let v = self.allowed(twist);
+        let layout = self.platform.layout();
         let mut wanted = [0.0; MAX_WHEELS];
         for (k, &i) in self.driven.iter().enumerate() {
             let row = self
@@ -109,6 +114,63 @@ impl Steering {
             wanted[k] = dot(layout.eta, &row, &v);
         }
         wanted
+    }
+
+    /// What the wheels allow of a twist at the steering angles in `x`, as velocity coordinates.
+    fn allowed(&mut self, twist: &[f64]) -> Row<f64> {
+        self.platform.renew_angles(&mut self.x);
+        let mut v = self
+            .platform
+            .velocity_from_twist(vec2(twist[0], twist[1]), twist[2], &[]);
+        let mut mobility = Mobility::new(self.platform.layout().dof(), &self.inverse);
+        self.platform.guide(&self.x, &mut mobility, &mut v);
+        v
+    }
+
+    /// The angle of a steered wheel with others linked to it at which the wheels allow most of a
+    /// twist: yaw counts by the size of the robot, and of equal angles the nearest to the present one.
+    fn aim(&mut self, k: usize, twist: &[f64], present: f64) -> f64 {
+        const COARSE: usize = 48;
+        const FINE: usize = 24;
+        let limit = self.leads[k].limit;
+        let size = self
+            .platform
+            .wheels()
+            .iter()
+            .map(|wheel| hypot(wheel.mount.x, wheel.mount.y))
+            .fold(0.0, f64::max);
+        let at = self.leads[k].at;
+        let mut cost = |angle: f64| {
+            self.x[at] = angle;
+            let v = self.allowed(twist);
+            let (got, turn) = self.platform.twist(&v);
+            let off = hypot(got.x - twist[0], got.y - twist[1]);
+            let turned = size * (turn - twist[2]);
+            let scale = hypot(hypot(twist[0], twist[1]), size * twist[2]);
+            let away = 1e-4 * scale * (angle - present);
+            off * off + turned * turned + away * away
+        };
+        let step = 2.0 * limit / COARSE as f64;
+        let mut best = (cost(present), present);
+        for n in 0..=COARSE {
+            let angle = -limit + n as f64 * step;
+            let found = cost(angle);
+            if found < best.0 {
+                best = (found, angle);
+            }
+        }
+        // Golden section about the best of them.
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        let (mut low, mut high) = ((best.1 - step).max(-limit), (best.1 + step).min(limit));
+        for _ in 0..FINE {
+            let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+            if cost(a) < cost(b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        0.5 * (low + high)
     }
 }
 
@@ -163,6 +225,9 @@ impl Servo {
         }
 
         let leads = platform.layout().steered.clone();
+        let built = robot.platform.as_ref();
+        let start_angles =
+            crate::build::start_angles(built.expect("a checked robot has a platform"));
         for &i in &leads {
             let wheel = &wheels[i].name;
             inputs.push(port(format!("wheel.{wheel}.steering_angle"), "rad"));
@@ -226,10 +291,14 @@ impl Servo {
                 }
             })
             .collect::<Vec<_>>();
+        let mut state = vec![0.0; 2 * axles.len() + 1];
+        // Steered wheels stay as they start until there is somewhere to go.
+        let start = crate::build::rest_state(platform, [0.0; 3], &start_angles);
+        state.extend(leads.iter().map(|&i| platform.steering_angle(i, &start)));
         Servo {
             inputs,
             outputs,
-            state: vec![0.0; 2 * axles.len() + 1 + leads.len()],
+            state,
             axles,
             steering,
             integral_time: file.integral_time,
@@ -384,7 +453,8 @@ fn lead(
     k: usize,
     period: f64,
 ) -> Lead {
-    let at = platform.layout().eta + k;
+    let layout = platform.layout();
+    let at = layout.eta + k;
     // What the steering motor feels.
     let inertia = 1.0 / mobility[at][at];
     let file = robot
@@ -400,10 +470,22 @@ fn lead(
             ..
         } => Lead {
             wheel,
+            is_linked: file
+                .wheel
+                .iter()
+                .any(|w| matches!(&w.steering, scenario::Steering::Linked { to, .. } if *to == file.wheel[wheel].name)),
+            at: layout.swivel(
+                layout
+                    .swivels
+                    .iter()
+                    .position(|&i| i == wheel)
+                    .expect("a steered wheel swivels"),
+            ),
             limit: angle_max_deg.to_radians(),
             rate_max,
             torque_max: torque_max.unwrap_or(f64::MAX),
-            bandwidth,
+            // A loop of samples is no faster than that.
+            bandwidth: bandwidth.min(0.25 / period),
             // The rate loop is four times as fast as that of the angle, so that the angle does not run
             // over, but takes two periods at least.
             gain: inertia * (4.0 * bandwidth).min(0.5 / period),

@@ -218,8 +218,22 @@ fn published(course: &Course, centers: &[[f64; 2]; 2]) -> Geometry<f64> {
 /// The errors whose exact end points fit the measured ones best: Gauss–Newton, which from the
 /// published formulas on is at rest after a few steps.
 fn exact(course: &Course, believed: &Geometry<f64>, centers: &[[f64; 2]; 2]) -> Geometry<f64> {
-    const STEPS: usize = 8;
-    let mut found = published(course, centers);
+    const STEPS: usize = 40;
+    // The largest step, and how far a robot's geometry can be off at all.
+    const REACH: f64 = 0.03;
+    const FARTHEST: (f64, f64) = (0.5, 2.0);
+    let start = published(course, centers);
+    let sane = |value: f64| {
+        if value.is_finite() {
+            value.clamp(0.8, 1.25)
+        } else {
+            1.0
+        }
+    };
+    let mut found = Geometry {
+        diameters: sane(start.diameters),
+        track: sane(start.track),
+    };
     let lift = |g: &Geometry<f64>| Geometry {
         diameters: Dual::<f64, 2>::from(g.diameters),
         track: Dual::from(g.track),
@@ -252,8 +266,15 @@ fn exact(course: &Course, believed: &Geometry<f64>, centers: &[[f64; 2]; 2]) -> 
             (normal[1][1] * right[0] - normal[0][1] * right[1]) / determinant,
             (normal[0][0] * right[1] - normal[1][0] * right[0]) / determinant,
         ];
-        found.diameters += step[0] / believed.diameters;
-        found.track += step[1] / believed.track;
+        if !(step[0].is_finite() && step[1].is_finite()) {
+            break;
+        }
+        let moved = |value: f64, step: f64, believed: f64| {
+            let next = value * believed + step.clamp(-REACH, REACH);
+            next.clamp(FARTHEST.0, FARTHEST.1) / believed
+        };
+        found.diameters = moved(found.diameters, step[0], believed.diameters);
+        found.track = moved(found.track, step[1], believed.track);
     }
     found
 }
@@ -268,15 +289,17 @@ pub fn track(platform: &Platform<f64>) -> Result<f64, String> {
     let ahead = |wheel: &&appell_model::wheel::Wheel<f64>| {
         wheel.is_plain() && wheel.steering == Steering::Fixed { angle: 0.0 }
     };
+    let refuse = |what: String| Err(format!("must be a differential drive, got {what}"));
+    let layout = platform.layout();
     match driven.as_slice() {
-        [a, b] if ahead(a) && ahead(b) && a.mount.x == b.mount.x && a.mount.y != b.mount.y => {
-            Ok((a.mount.y - b.mount.y).abs())
+        _ if !layout.steered.is_empty() => refuse("steered wheels".into()),
+        _ if layout.eta != 2 => refuse("wheels that do not leave it two directions".into()),
+        [a, b] if !ahead(a) || !ahead(b) || a.mount.x != b.mount.x || a.mount.y == b.mount.y => {
+            refuse("driven wheels that do not roll ahead on one axle".into())
         }
-        _ => Err(format!(
-            "must be a differential drive: two driven wheels on one axle, got {} driven {}",
-            driven.len(),
-            if driven.len() == 1 { "wheel" } else { "wheels" }
-        )),
+        [a, b] if a.radius != b.radius => refuse("driven wheels of different radii".into()),
+        [a, b] => Ok((a.mount.y - b.mount.y).abs()),
+        other => refuse(format!("{} driven wheels", other.len())),
     }
 }
 

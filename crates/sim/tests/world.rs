@@ -76,8 +76,13 @@ fn invariant_a_second_robot_changes_no_bit_of_the_first() {
 /// Ticks between two saves.
 const APART: u64 = 4;
 /// Scenarios whose worlds are saved, with what is changed in them.
-const SAVED: [(&str, &[(&str, &str)]); 2] = [
+const SAVED: [(&str, &[(&str, &str)]); 4] = [
     ("noisy.toml", &[]),
+    ("tricycle.toml", &[]),
+    (
+        "house.toml",
+        &[("time.step", "0.001"), ("record.period", "0.01")],
+    ),
     ("coast.toml", &[("time.integrator", "\"adaptive\"")]),
 ];
 

@@ -303,6 +303,35 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
                 .iter()
                 .any(|w| matches!(w.steering, Steering::Steered { .. }));
             if steered
+                && let Some(Controller::Signals { channel, .. }) = &robot.controller
+                && let Some(channel) = channel.iter().find(|c| c.to.starts_with("wheel."))
+            {
+                c.refuse(
+                    format!("{base}.controller.channel.{}.to", channel.to),
+                    "must not command a single wheel of a robot with steered wheels",
+                    "command forward and yaw_rate; the servo steers",
+                );
+            }
+            for sensor in &robot.sensor {
+                if let Sensor::Odometry {
+                    radius_scale,
+                    track_scale,
+                    ..
+                } = sensor
+                    && *radius_scale > 0.0
+                    && *track_scale > 0.0
+                    && let Ok(built) =
+                        crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81)
+                    && crate::sensor::believed(&built, *radius_scale, *track_scale).is_err()
+                {
+                    c.refuse(
+                        format!("{base}.sensor.{}.track_scale", sensor_name(sensor)),
+                        "must leave the wheels as they are believed a way to roll",
+                        "the axles of the fixed wheels no longer meet on that track; use 1",
+                    );
+                }
+            }
+            if steered
                 && let Some(sensor) = robot
                     .sensor
                     .iter()
@@ -419,7 +448,8 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
     }
 }
 
-/// Noise on commands: of wheels that are driven, each once, from a distribution or a file.
+/// Noise on commands: of wheels that are driven, each once, from a distribution or a file; and the
+/// feedback that answers it.
 fn check_wheel_noise(c: &mut Checker, robot: &Robot, folder: &Path) {
     let base = format!("robot.{}.wheel_noise", robot.name);
     let names = robot.wheel_noise.iter().map(|noise| noise.wheel.as_str());
@@ -490,6 +520,30 @@ fn check_wheel_noise(c: &mut Checker, robot: &Robot, folder: &Path) {
             );
         }
     }
+    let own = match &robot.controller {
+        Some(Controller::Signals { period, .. }) => *period,
+        Some(
+            Controller::Homing(follower)
+            | Controller::Gate(follower)
+            | Controller::Eight(follower)
+            | Controller::Slalom(follower),
+        ) => follower.period,
+        None => 0.0,
+    };
+    let period = robot.servo.period.unwrap_or(own);
+    let (rate, angle) = (robot.servo.rate_feedback, robot.servo.angle_feedback);
+    // The loop e' = −K_P e − K_I T Σ e decays for K_P < 1 and K_I T < 2 (1 − K_P).
+    if rate.max(angle) > 0.0 && (rate >= 1.0 || angle * period >= 2.0 * (1.0 - rate)) {
+        c.refuse(
+            format!("robot.{}.servo.angle_feedback", robot.name),
+            format!(
+                "must be less than 2 (1 - rate_feedback) / period, and rate_feedback less than 1, got {} and {} at {period} s",
+                number(angle),
+                number(rate)
+            ),
+            "beyond that the wheels swing up",
+        );
+    }
 }
 
 /// Statistics: differences of robots that there are, in signals that both have.
@@ -519,6 +573,17 @@ fn check_statistics(c: &mut Checker, scenario: &Scenario, statistics: &Statistic
         .map(|difference| difference.name.as_str())
         .collect();
     c.unique("statistics.difference", "name", names.iter().copied());
+    let ratios = statistics.ratio.iter().map(|ratio| ratio.name.as_str());
+    c.unique("statistics.ratio", "name", ratios.clone());
+    for name in names.iter().copied().chain(ratios) {
+        let plain = !name.trim().is_empty() && !name.chars().any(char::is_control);
+        c.require(
+            plain && name.chars().count() <= 80,
+            "statistics".into(),
+            "given names of 1 to 80 printable characters",
+            format!("{name:?}"),
+        );
+    }
     let mut known = |path: String, name: &str, all: &[&str], what: &str| {
         if !all.contains(&name) {
             c.refuse(
@@ -636,7 +701,7 @@ fn check_controller(
         c.refuse(
             path("pose"),
             format!("must name a sensor that the robot has, got one of kind \"{needed}\""),
-            &format!("add [[robot.sensor]] with kind = \"{needed}\""),
+            &format!("add [[robot.sensor]] with kind = \"{needed}\", and no name of its own"),
         );
     }
 }
@@ -739,16 +804,13 @@ fn check_channel(
                 c.refuse(
                     path("signal.at"),
                     format!(
-                        "must be increasing times, one for each value, got {} for {} values",
-                        at.len(),
-                        values.len()
+                        "must be increasing times, one for each value, got {at:?} for {values:?}"
                     ),
                     "for example at = [0.0, 4.0], values = [0.1, 0.0]",
                 );
             }
-            for value in at.iter().chain(values) {
-                numbers.push(("values", *value));
-            }
+            numbers.extend(at.iter().map(|time| ("at", *time)));
+            numbers.extend(values.iter().map(|value| ("values", *value)));
         }
         Signal::Table { file, column } => {
             if let Err(problem) = crate::controller::read_table(&folder.join(file), column) {
@@ -963,9 +1025,9 @@ fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
             }
         }
         Steering::Linked { ratio, .. } => c.require(
-            ratio.is_finite() && *ratio != 0.0,
+            *ratio != 0.0 && ratio.abs() <= 10.0,
             path("steering.ratio"),
-            "finite and not 0",
+            "in [-10, 10] and not 0",
             number(*ratio),
         ),
         Steering::Guided { .. } => {}

@@ -248,7 +248,7 @@ pub struct Robot {
 }
 
 /// Noise on the command of a drive, in the command's unit (rad/s, N·m or V), drawn anew in each
-/// period of the servo: normal with a mean, or the column of a file. Signal `wheel.<name>.noise`.
+/// period of what commands the drive, the servo or the controller: normal with a mean, or the column of a file. Signal `wheel.<name>.noise`.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct WheelNoise {
