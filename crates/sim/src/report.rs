@@ -337,7 +337,8 @@ fn difference_plots(
     let signals = texts(&statistics["signals"]);
     for difference in statistics["difference"].as_array().into_iter().flatten() {
         let text = |key: &str| difference[key].as_str().unwrap_or_default();
-        let mut units: Vec<(String, Vec<Value>)> = Vec::new();
+        // By unit, and what wheels do apart from what the robot does.
+        let mut groups: Vec<((String, bool), Vec<Value>)> = Vec::new();
         for signal in &signals {
             let path = |robot: &str| format!("robot.{robot}.{signal}");
             let (of, minus) = (path(text("of")), path(text("minus")));
@@ -360,17 +361,19 @@ fn difference_plots(
                 [] => "",
             };
             let line = json!({"signal": name, "label": label, "role": "other"});
-            match units.iter_mut().find(|(known, _)| *known == unit) {
+            let group = (unit, signal.starts_with("wheel."));
+            match groups.iter_mut().find(|(known, _)| *known == group) {
                 Some((_, lines)) => lines.push(line),
-                None => units.push((unit, vec![line])),
+                None => groups.push((group, vec![line])),
             }
         }
-        for (unit, lines) in units {
+        for ((unit, of_wheels), lines) in groups {
             let what = match unit.as_str() {
+                _ if of_wheels => "wheels",
                 "m" => "position",
                 "rad" => "angle",
                 "m/s" => "speed",
-                "rad/s" => "rate",
+                "rad/s" => "yaw rate",
                 _ => "value",
             };
             let title = format!("{}: {what}", text("name"));

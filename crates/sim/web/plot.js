@@ -12,7 +12,7 @@ import { indexAt, valuesOf } from './run.js';
 /** @typedef {import('./run.js').PlotSpec} PlotSpec */
 /** @typedef {{ label: string, color: string, dash: string, time: number[], values: (number | null)[], style?: string }} Line `color` is a class; values in the panel's unit */
 /** @typedef {{ title: string, unit: string, note?: string, lines: Line[], limits: { value: number, label: string }[], markMin: boolean, markMax: boolean, more: number }} Panel */
-/** @typedef {{ top: number, height: number, low: number, high: number, title: number }} PanelFrame `title`: where the words above end, px */
+/** @typedef {{ top: number, height: number, low: number, high: number, title: number, factor: number }} PanelFrame `title`: where the words above end, px; `factor`: from values to the numbers on the axis */
 /** @typedef {{ left: number, right: number, top: number, bottom: number, t0: number, t1: number, panels: PanelFrame[] }} PlotFrame */
 /** @typedef {{ svg: string, width: number, height: number, frame: PlotFrame }} PlotPicture */
 /**
@@ -265,7 +265,7 @@ export function drawPlots(panels, options = {}) {
   const frames = [];
   panels.forEach((panel, index) => {
     const top = y0 + 28;
-    const { least, most, axis, prefix, names } = measured[index];
+    const { least, most, axis, factor, prefix, names } = measured[index];
     const y = (/** @type {number} */ v) => top + height - (v - axis.low) / (axis.high - axis.low) * height;
     const inside = panel.limits.filter(l => l.value >= axis.low && l.value <= axis.high);
     const outside = panel.limits.filter(l => l.label && !inside.includes(l));
@@ -285,7 +285,7 @@ export function drawPlots(panels, options = {}) {
     }).join('') + '</g>';
     for (const mark of [panel.markMin ? least : null, panel.markMax ? most : null]) {
       if (!mark || !Number.isFinite(mark.value)) continue;
-      const text = `${significant(mark.value, 3)}${panel.unit ? ' ' + panel.unit.replace(/ of .*/, '') : ''}`;
+      const text = `${significant(mark.value * factor, 3)}${panel.unit ? ` ${prefix}${panel.unit.replace(/ of .*/, '')}` : ''}`;
       const half = textWidth(text, 12) / 2;
       const mx = clamp(x(mark.t), left + half + 2, right - half - 2);
       const above = mark === most ? y(mark.value) - 9 > top + 8 : y(mark.value) + 18 > top + height;
@@ -303,7 +303,7 @@ export function drawPlots(panels, options = {}) {
       const color = e.color === 'limit' ? 't-vermilion' : e.color === 'ink' ? '' : e.color === 'reference' ? 'note' : `t-${e.color}`;
       svg += label(right + 8, e.y + 4, e.text, color);
     }
-    frames.push({ top, height, low: axis.low, high: axis.high, title: left + textWidth(panel.title + unit + note, 12.3) });
+    frames.push({ top, height, low: axis.low, high: axis.high, title: left + textWidth(panel.title + unit + note, 12.3), factor });
     if (index === panels.length - 1) {
       svg += tTicks.map(t => label(x(t), top + height + 17, tickText(t, tStep), 'tick', 'middle')).join('');
       svg += label(right + 18, top + height + 17, 'time, s', 'tick');

@@ -235,7 +235,7 @@ export function startReport() {
           if (!Number.isFinite(value)) continue;
           const y = p.top + p.height - (value - p.low) / (p.high - p.low) * p.height;
           if (y > p.top - 2 && y < p.top + p.height + 2) svg += `<circle cx="${px(x(read))}" cy="${px(y)}" r="3.2" class="knob s-${line.color}"/>`;
-          const words = (panel.lines.length > 1 && frame.right > 600 ? `${line.label} ` : '') + significant(value, 3);
+          const words = (panel.lines.length > 1 && frame.right > 600 ? `${line.label} ` : '') + significant(value * p.factor, 3);
           const width = textWidth(words, 12) + 14;
           if (right - width < p.title + 8) continue;
           svg += label(right, p.top - 8, words, `bold ${line.color === 'ink' ? '' : line.color === 'reference' ? 'note' : `t-${line.color}`}`, 'end');
