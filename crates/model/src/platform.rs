@@ -5,11 +5,19 @@
 //! steered wheels. Everything else follows from the constraints: γ̇ of a caster and φ̇ of every
 //! wheel are rows over v. `[eq:constraints]` `[eq:reduced-dynamics]`
 
+mod basis;
+mod layout;
+
 use crate::drive::{DcMotor, Drive};
 use crate::planar::{Vec2, vec2};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, zero_row};
 use crate::wheel::{Rim, RollingRow, Steering, Wheel, WheelFrame};
+
+use basis::{fixed_basis, rank_with};
+
+pub(crate) use layout::POSE;
+pub use layout::{BODY_OUTPUTS, LEDGER, Layout, WHEEL_OUTPUTS, WheelOutput, YAW};
 
 /// Largest number of wheels of a platform.
 pub const MAX_WHEELS: usize = 12;
@@ -61,135 +69,6 @@ pub enum PlatformError {
     /// An ideal linkage needs fixed wheels on one axle, both wheels off it, and a wheel without mass,
     /// loss and drive; its name.
     NotGuided(String),
-}
-
-/// Where each quantity stands in the state, input and output vectors.
-///
-/// State: x, y, θ, cos θ, sin θ | v | currents | energy ledger | φ of each wheel, those that only
-/// follow last | γ, cos γ, sin γ of each swivelling wheel. Input: command of each wheel | torque
-/// (rolling) or rate (kinematic) of each steered wheel | brake in [0, 1] | external wrench
-/// (F_x, F_y, M_z), base axes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Layout {
-    /// Number of wheels.
-    pub wheels: usize,
-    /// Wheels that swivel, in the order of their states.
-    pub swivels: Vec<usize>,
-    /// Wheels steered by a motor, in the order of ζ.
-    pub steered: Vec<usize>,
-    /// Plain wheels turned by a motor, themselves or by a link: they must not slip along their axles.
-    pub guides: Vec<usize>,
-    /// Wheels with the state of a motor current.
-    pub motors: Vec<usize>,
-    /// Place of each wheel's φ among the spin angles: wheels that only follow come last.
-    pub spin_places: Vec<usize>,
-    /// Number of η.
-    pub eta: usize,
-    /// Whether every swivelling wheel is a caster without mass and loss, so that S is constant.
-    pub constant: bool,
-    /// Rank of the lateral rows of the fixed wheels.
-    pub fixed_rank: usize,
-}
-
-/// Index of yaw, cos yaw and sin yaw in the state.
-pub const YAW: usize = 2;
-/// First index after the pose.
-pub(crate) const POSE: usize = 5;
-/// Entries of the energy ledger: supplied, heat of windings, heat of gears, heat of friction, J.
-pub const LEDGER: usize = 4;
-/// Outputs of the whole robot: twist (3), kinetic, potential and magnetic energy, and last the
-/// tip-over margin, m (level `rolling`), or the internal slip: the norm of the wheel rates less those
-/// of rolling, rad/s (level `kinematic`).
-pub const BODY_OUTPUTS: usize = 7;
-/// Outputs of each wheel, see [`WheelOutput`].
-pub const WHEEL_OUTPUTS: usize = 7;
-
-/// The outputs of a wheel, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum WheelOutput {
-    /// Spin rate φ̇, rad/s.
-    SpinRate,
-    /// Steering rate γ̇, rad/s.
-    SteeringRate,
-    /// Torque of the drive at the axle, N·m.
-    Torque,
-    /// Current of the motor, A.
-    Current,
-    /// Force of the ground along the wheel's rolling direction or roller axis, N.
-    Longitudinal,
-    /// Force of the ground along the axle, N.
-    Lateral,
-    /// Normal load, N.
-    Load,
-}
-
-impl Layout {
-    /// Number of velocity coordinates.
-    #[inline(always)]
-    pub fn dof(&self) -> usize {
-        self.eta + self.steered.len()
-    }
-    /// Index of the first velocity coordinate.
-    #[inline(always)]
-    pub fn velocity(&self) -> usize {
-        POSE
-    }
-    /// Index of the first motor current.
-    #[inline(always)]
-    pub fn current(&self) -> usize {
-        self.velocity() + self.dof()
-    }
-    /// Index of the first entry of the energy ledger.
-    #[inline(always)]
-    pub fn ledger(&self) -> usize {
-        self.current() + self.motors.len()
-    }
-    /// Index of φ of wheel i.
-    #[inline(always)]
-    pub fn spin(&self, i: usize) -> usize {
-        self.ledger() + LEDGER + self.spin_places[i]
-    }
-    /// Index of γ of the k-th swivelling wheel (cos γ and sin γ follow).
-    #[inline(always)]
-    pub fn swivel(&self, k: usize) -> usize {
-        self.ledger() + LEDGER + self.wheels + 3 * k
-    }
-    /// Length of the state.
-    #[inline(always)]
-    pub fn state(&self) -> usize {
-        self.swivel(self.swivels.len())
-    }
-    /// Index of the first steering command in the input.
-    #[inline(always)]
-    pub fn steering_input(&self) -> usize {
-        self.wheels
-    }
-    /// Index of the brake command in the input.
-    #[inline(always)]
-    pub fn brake_input(&self) -> usize {
-        self.wheels + self.steered.len()
-    }
-    /// Index of the first component of the external wrench in the input.
-    #[inline(always)]
-    pub fn wrench_input(&self) -> usize {
-        self.brake_input() + 1
-    }
-    /// Length of the input.
-    #[inline(always)]
-    pub fn input(&self) -> usize {
-        self.wrench_input() + 3
-    }
-    /// Index of an output of wheel i.
-    #[inline(always)]
-    pub fn wheel_output(&self, i: usize, what: WheelOutput) -> usize {
-        BODY_OUTPUTS + WHEEL_OUTPUTS * i + what as usize
-    }
-    /// Length of the output.
-    #[inline(always)]
-    pub fn output(&self) -> usize {
-        BODY_OUTPUTS + WHEEL_OUTPUTS * self.wheels
-    }
 }
 
 /// The reduced equations at an instant: rows over v of all dependent rates, mass matrix, and the
@@ -336,6 +215,33 @@ impl<T: Scalar> Platform<T> {
             frames,
             rims,
         })
+    }
+
+    /// Degrees of mobility δ_m and steerability δ_s at angles of the steered wheels that are nothing
+    /// special. `[eq:mobility]`
+    ///
+    /// G. Campion, G. Bastin, B. d'Andréa-Novel, *Structural properties and classification of
+    /// kinematic and dynamic models of wheeled mobile robots*, IEEE Transactions on Robotics and
+    /// Automation 12(1), 1996.
+    pub fn degrees(&self) -> (usize, usize) {
+        let layout = &self.layout;
+        let mut x = vec![T::zero(); layout.state()];
+        for (k, &i) in layout.swivels.iter().enumerate() {
+            if layout.steered.contains(&i) {
+                x[layout.swivel(k)] = T::from(0.3 + 0.17 * k as f64);
+            }
+        }
+        self.renew_angles(&mut x);
+        let mut rows: Vec<[T; 3]> = Vec::new();
+        for &i in &layout.guides {
+            let row = self.lateral_row(&self.wheel_frame(i, &x));
+            let row = [row[0], row[1], row[2]];
+            if rank_with(&rows, &row) > rows.len() {
+                rows.push(row);
+            }
+        }
+        let steerability = layout.steered.len().min(rows.len());
+        (layout.eta - rows.len(), steerability)
     }
 
     /// The body.
@@ -801,91 +707,6 @@ fn is_idle<T: Scalar>(wheel: &Wheel<T>) -> bool {
         ]
         .iter()
         .all(|&value| nominal(value) == 0.0)
-}
-
-/// Σ: a basis of the twists that the lateral rows of the fixed wheels allow, and its size.
-fn fixed_basis<T: Scalar>(wheels: &[Wheel<T>]) -> Result<([Row<T>; 3], usize), PlatformError> {
-    let mut rows: Vec<[T; 3]> = Vec::new();
-    for wheel in wheels {
-        let Steering::Fixed { angle } = wheel.steering else {
-            continue;
-        };
-        if !wheel.is_plain() {
-            continue;
-        }
-        let (sin, cos) = angle.sin_cos();
-        let frame = wheel.frame(cos, sin);
-        let row = [
-            frame.left.x,
-            frame.left.y,
-            frame.left.dot(frame.contact.perpendicular()),
-        ];
-        // Which rows are independent is a matter of configuration: decided on the nominal values.
-        if rank_with(&rows, &row) > rows.len() {
-            rows.push(row);
-        }
-    }
-    let zero = zero_row::<T>();
-    let mut basis = [zero, zero, zero];
-    let columns: Vec<[T; 3]> = match rows.as_slice() {
-        [] => {
-            let (o, l) = (T::zero(), T::one());
-            vec![[l, o, o], [o, l, o], [o, o, l]]
-        }
-        [[x, y, k]] => vec![[*y, -*x, T::zero()], [-(*x * *k), -(*y * *k), T::one()]],
-        [a, b] => {
-            let c = cross3(a, b);
-            let planar = (c[0] * c[0] + c[1] * c[1]).sqrt();
-            // Straight motion at 1 m/s, or a turn at 1 rad/s about the common center.
-            let unit = if nominal(c[2].abs()) > 1e-9 * nominal(planar) {
-                c[2]
-            } else {
-                planar.copysign(c[0])
-            };
-            vec![[c[0] / unit, c[1] / unit, c[2] / unit]]
-        }
-        _ => return Err(PlatformError::Locked),
-    };
-    for (k, column) in columns.iter().enumerate() {
-        for axis in 0..3 {
-            basis[axis][k] = column[axis];
-        }
-    }
-    Ok((basis, columns.len()))
-}
-
-fn cross3<T: Scalar>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-/// Rank of `rows` with one more row, by Gram–Schmidt on nominal values.
-fn rank_with<T: Scalar>(rows: &[[T; 3]], row: &[T; 3]) -> usize {
-    // Two wheels on one axle may be a nanometre out of line in a file; that is no second constraint.
-    const PARALLEL: f64 = 1e-9;
-    let mut basis: Vec<[f64; 3]> = Vec::new();
-    for candidate in rows.iter().chain([row]) {
-        let mut rest = candidate.map(nominal);
-        let size = norm3(&rest);
-        for unit in &basis {
-            let along: f64 = (0..3).map(|k| unit[k] * rest[k]).sum();
-            for k in 0..3 {
-                rest[k] -= along * unit[k];
-            }
-        }
-        let left = norm3(&rest);
-        if left > PARALLEL * size {
-            basis.push(rest.map(|value| value / left));
-        }
-    }
-    basis.len()
-}
-
-fn norm3(v: &[f64; 3]) -> f64 {
-    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
 fn map_wheel<T: Scalar, U: Scalar>(

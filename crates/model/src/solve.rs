@@ -51,30 +51,7 @@ pub fn add_outer<T: Scalar>(n: usize, matrix: &mut Square<T>, weight: T, a: &Row
 /// (stable for such matrices).
 #[inline(always)]
 pub fn invert<T: Scalar>(n: usize, matrix: &Square<T>) -> Square<T> {
-    let mut a = *matrix;
-    for k in 0..n {
-        let pivot = T::one() / a[k][k];
-        a[k][k] = T::one();
-        for j in 0..n {
-            a[k][j] *= pivot;
-        }
-        for i in 0..n {
-            if i != k {
-                let factor = a[i][k];
-                a[i][k] = T::zero();
-                for j in 0..n {
-                    a[i][j] = (-factor).mul_add(a[k][j], a[i][j]);
-                }
-            }
-        }
-    }
-    // Symmetric by theory; made so to the last bit.
-    for i in 0..n {
-        for j in 0..i {
-            a[i][j] = a[j][i];
-        }
-    }
-    a
+    invert_known(n, matrix, T::zero())
 }
 
 /// Inverse of a symmetric positive semidefinite matrix of size n on the directions that it knows: a
@@ -84,7 +61,7 @@ pub fn invert_known<T: Scalar>(n: usize, matrix: &Square<T>, floor: T) -> Square
     let mut a = *matrix;
     let mut known = [T::Mask::splat(true); MAX_DOF];
     for k in 0..n {
-        known[k] = floor.less(a[k][k]);
+        known[k] = a[k][k].less_equal(floor).not();
         let pivot = T::one() / T::select(known[k], a[k][k], T::one());
         a[k][k] = T::one();
         for j in 0..n {
@@ -100,14 +77,11 @@ pub fn invert_known<T: Scalar>(n: usize, matrix: &Square<T>, floor: T) -> Square
             }
         }
     }
+    // Symmetric by theory; made so to the last bit.
     for i in 0..n {
         for j in 0..n {
             let both = known[i].and(known[j]);
-            a[i][j] = T::select(
-                both,
-                a[if j < i { j } else { i }][if j < i { i } else { j }],
-                T::zero(),
-            );
+            a[i][j] = T::select(both, a[i.min(j)][i.max(j)], T::zero());
         }
     }
     a

@@ -44,10 +44,12 @@ pub trait Block: Send {
     ) -> Result<(), BlockError>;
     /// Writes the outputs of the present state; for plants, whose state moves between readings.
     fn observe(&mut self, _input: &[f64], _detail: Detail, _output: &mut [f64]) {}
-    /// Appends the state as bytes, for saving and branching.
-    fn save(&self, bytes: &mut Vec<u8>);
+    /// Appends the state as bytes, for saving and branching; nothing for a block without one.
+    fn save(&self, _bytes: &mut Vec<u8>) {}
     /// Takes the state back; the number of bytes used, or `None` if they do not fit.
-    fn restore(&mut self, bytes: &[u8]) -> Option<usize>;
+    fn restore(&mut self, _bytes: &[u8]) -> Option<usize> {
+        Some(0)
+    }
 }
 
 /// Appends numbers to saved bytes, bit for bit.

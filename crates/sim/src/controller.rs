@@ -221,10 +221,6 @@ impl Block for Signals {
         }
         Ok(())
     }
-    fn save(&self, _bytes: &mut Vec<u8>) {}
-    fn restore(&mut self, _bytes: &[u8]) -> Option<usize> {
-        Some(0)
-    }
 }
 
 /// Where the noise of a wheel comes from.
@@ -292,10 +288,6 @@ impl Block for WheelNoise {
             output[2 * k + 1] = noise;
         }
         Ok(())
-    }
-    fn save(&self, _bytes: &mut Vec<u8>) {}
-    fn restore(&mut self, _bytes: &[u8]) -> Option<usize> {
-        Some(0)
     }
 }
 

@@ -32,48 +32,12 @@ pub struct Design {
     pub warnings: Vec<String>,
 }
 
-/// Degrees of mobility and steerability at angles of the steered wheels that are nothing special
-/// (G. Campion, G. Bastin, B. d'Andréa-Novel, *Structural properties and classification of kinematic
-/// and dynamic models of wheeled mobile robots*, IEEE Transactions on Robotics and Automation 12(1),
-/// 1996).
-pub fn degrees(platform: &Platform<f64>) -> (usize, usize) {
-    let layout = platform.layout();
-    let mut x = vec![0.0; layout.state()];
-    for (k, &i) in layout.swivels.iter().enumerate() {
-        if layout.steered.contains(&i) {
-            x[layout.swivel(k)] = 0.3 + 0.17 * k as f64;
-        }
-    }
-    platform.renew_angles(&mut x);
-    let mut rest: Vec<Vec<f64>> = Vec::new();
-    for &i in &layout.guides {
-        let row = platform.lateral_row(&platform.wheel_frame(i, &x));
-        let mut row = row[..layout.eta].to_vec();
-        let size = row.iter().map(|v| v * v).sum::<f64>();
-        for unit in &rest {
-            let along: f64 = row.iter().zip(unit).map(|(a, b)| a * b).sum();
-            row.iter_mut().zip(unit).for_each(|(a, b)| *a -= along * b);
-        }
-        let left = row.iter().map(|v| v * v).sum::<f64>();
-        if left > 1e-16 * size {
-            let scale = 1.0 / left.sqrt();
-            rest.push(row.iter().map(|v| v * scale).collect());
-        }
-    }
-    let steerability = layout.steered.len().min(rest.len());
-    (layout.eta - rest.len(), steerability)
-}
-
 /// Why a robot cannot turn under ideal rolling, if it cannot: skid-steered ones.
 pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
-    let layout = platform.layout();
-    let v = {
-        let mut unit = appell_model::solve::zero_row();
-        unit[0] = 1.0;
-        unit
-    };
-    let (_, turn) = platform.twist(&v);
-    (layout.eta == 1 && turn.abs() < 1e-9).then_some(
+    let mut first = appell_model::solve::zero_row();
+    first[0] = 1.0;
+    let (_, turn) = platform.twist(&first);
+    (platform.layout().eta == 1 && turn.abs() < 1e-9).then_some(
         "the axles of its fixed wheels have no common center: ideal rolling goes straight; wheels that slip would turn it",
     )
 }
@@ -96,7 +60,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
             note: note.into(),
         });
     };
-    let (mobility, steerability) = degrees(&platform);
+    let (mobility, steerability) = platform.degrees();
     add(
         "degree of mobility δm",
         mobility.to_string(),

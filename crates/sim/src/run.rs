@@ -261,20 +261,11 @@ impl Run {
                                 ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
                             let waveform = match &channel.signal {
                                 Signal::Table { file, column } => {
-                                    let table = read_table(&loaded.folder.join(file), column);
-                                    let (times, values) = table.map_err(|problem| {
-                                        let path = format!(
-                                            "robot.{}.controller.channel.{}",
-                                            robot.name, channel.to
-                                        );
-                                        refuse(
-                                            loaded,
-                                            path,
-                                            problem,
-                                            "the file changed while it was read".into(),
-                                        )
-                                    })?;
-                                    Waveform::Table { times, values }
+                                    let path = format!(
+                                        "robot.{}.controller.channel.{}",
+                                        robot.name, channel.to
+                                    );
+                                    table(loaded, path, file, column)?
                                 }
                                 formula => Waveform::Formula(formula.clone()),
                             };
@@ -514,6 +505,16 @@ fn check_statistics(
     Ok(())
 }
 
+/// A column of a CSV file that a checked scenario names, at a path in it.
+fn table(loaded: &Loaded, path: String, file: &str, column: &str) -> Result<Waveform, Diagnostics> {
+    let table = read_table(&loaded.folder.join(file), column);
+    let (times, values) = table.map_err(|problem| {
+        let hint = "the file changed while it was read".into();
+        refuse(loaded, path, problem, hint)
+    })?;
+    Ok(Waveform::Table { times, values })
+}
+
 /// The port to which a wheel's command is written: its drive's, or where noise is added on the way
 /// what is wanted of it.
 fn command_port(robot: &Robot, wheel: &Wheel<f64>) -> crate::signal::Signal {
@@ -540,17 +541,8 @@ fn wheel_noise(
         let port = |field: &str| crate::signal::Signal::new(path(field), unit);
         let source = match (&noise.file, &noise.column) {
             (Some(file), Some(column)) => {
-                let table = read_table(&loaded.folder.join(file), column);
-                let (times, values) = table.map_err(|problem| {
-                    let path = format!("robot.{}.wheel_noise.{}.file", robot.name, noise.wheel);
-                    refuse(
-                        loaded,
-                        path,
-                        problem,
-                        "the file changed while it was read".into(),
-                    )
-                })?;
-                NoiseSource::Given(Waveform::Table { times, values })
+                let path = format!("robot.{}.wheel_noise.{}.file", robot.name, noise.wheel);
+                NoiseSource::Given(table(loaded, path, file, column)?)
             }
             _ => NoiseSource::Normal {
                 stream: Stream::new(key.0, key.1, &path("noise")),

@@ -242,10 +242,6 @@ impl Block for PoseSensor {
         }
         Ok(())
     }
-    fn save(&self, _bytes: &mut Vec<u8>) {}
-    fn restore(&mut self, _bytes: &[u8]) -> Option<usize> {
-        Some(0)
-    }
 }
 
 struct Encoder {
@@ -279,10 +275,6 @@ impl Block for Encoder {
             output[k] = rounded(angle, self.resolution);
         }
         Ok(())
-    }
-    fn save(&self, _bytes: &mut Vec<u8>) {}
-    fn restore(&mut self, _bytes: &[u8]) -> Option<usize> {
-        Some(0)
     }
 }
 

@@ -4,11 +4,9 @@
 //! of the wanted acceleration plus a PI controller of the rate error; motors the voltage for that
 //! torque on top of their back-EMF. Limits are kept, and the integral part stops at them.
 
-use core::f64::consts::{FRAC_PI_2, PI};
+mod steering;
 
 use appell_model::drive::Drive;
-use appell_model::math::hypot;
-use appell_model::math::single::atan2;
 use appell_model::planar::vec2;
 use appell_model::platform::{MAX_WHEELS, Platform};
 use appell_model::solve::{
@@ -17,8 +15,10 @@ use appell_model::solve::{
 use appell_model::wheel::Wheel;
 
 use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
-use crate::scenario::{self, Level};
+use crate::scenario;
 use crate::signal::Signal;
+
+use steering::Steering;
 
 /// The cascade of one robot.
 pub struct Servo {
@@ -33,145 +33,6 @@ pub struct Servo {
     /// Per axle: last reference, rad/s, then the integral of the torque, N·m, or of the reference,
     /// rad; then whether it has run; then the wanted angle of each steered wheel, rad.
     state: Vec<f64>,
-}
-
-/// The steered wheels of a robot, and the geometry under their present angles.
-struct Steering {
-    platform: Platform<f64>,
-    level: Level,
-    /// Driven wheels.
-    driven: Vec<usize>,
-    leads: Vec<Lead>,
-    /// Scratch: a state with the measured steering angles.
-    x: Vec<f64>,
-    /// Inverse of the mass matrix, straight ahead: how a twist gives way to what the wheels allow.
-    inverse: Square<f64>,
-}
-
-/// A wheel that a motor steers.
-struct Lead {
-    wheel: usize,
-    /// Whether other wheels are linked to it.
-    is_linked: bool,
-    /// Index of its angle in the state.
-    at: usize,
-    limit: f64,
-    rate_max: f64,
-    torque_max: f64,
-    /// Gain of the angle's loop, rad/s.
-    bandwidth: f64,
-    /// Gain of the rate loop, N·m·s/rad.
-    gain: f64,
-}
-
-impl Steering {
-    /// Finds the wanted angles (kept in `targets`) for a twist, writes the steering commands, and
-    /// gives the spin rate of each driven wheel, rad/s, for what the present angles allow of it.
-    fn act(
-        &mut self,
-        twist: &[f64],
-        angles: &[f64],
-        rates: &[f64],
-        targets: &mut [f64],
-        commands: &mut [f64],
-    ) -> [f64; MAX_WHEELS] {
-        let (forward, left, turn) = (twist[0], twist[1], twist[2]);
-        for k in 0..self.leads.len() {
-            let mount = self.platform.wheels()[self.leads[k].wheel].mount;
-            let (ahead, aside) = (forward - turn * mount.y, left + turn * mount.x);
-            // Standing still it keeps its angle.
-            if self.leads[k].is_linked && hypot(ahead, aside) > 1e-6 {
-                targets[k] = self.aim(k, twist, angles[k]);
-            } else if hypot(ahead, aside) > 1e-6 {
-                let lead = &self.leads[k];
-                let mut wanted = atan2(aside, ahead);
-                // A wheel rolls backwards as well: the nearer of both ends leads.
-                if wanted.abs() > FRAC_PI_2 {
-                    wanted -= PI.copysign(wanted);
-                }
-                targets[k] = wanted.clamp(-lead.limit, lead.limit);
-            }
-            let lead = &self.leads[k];
-            let rate =
-                (lead.bandwidth * (targets[k] - angles[k])).clamp(-lead.rate_max, lead.rate_max);
-            commands[k] = match self.level {
-                Level::Kinematic => rate,
-                Level::Rolling => {
-                    (lead.gain * (rate - rates[k])).clamp(-lead.torque_max, lead.torque_max)
-                }
-            };
-        }
-        for (k, lead) in self.leads.iter().enumerate() {
-            self.x[lead.at] = angles[k];
-        }
-        let v = self.allowed(twist);
-        let layout = self.platform.layout();
-        let mut wanted = [0.0; MAX_WHEELS];
-        for (k, &i) in self.driven.iter().enumerate() {
-            let row = self
-                .platform
-                .spin_row(i, &self.platform.wheel_frame(i, &self.x));
-            wanted[k] = dot(layout.eta, &row, &v);
-        }
-        wanted
-    }
-
-    /// What the wheels allow of a twist at the steering angles in `x`, as velocity coordinates.
-    fn allowed(&mut self, twist: &[f64]) -> Row<f64> {
-        self.platform.renew_angles(&mut self.x);
-        let mut v = self
-            .platform
-            .velocity_from_twist(vec2(twist[0], twist[1]), twist[2], &[]);
-        let mut mobility = Mobility::new(self.platform.layout().dof(), &self.inverse);
-        self.platform.guide(&self.x, &mut mobility, &mut v);
-        v
-    }
-
-    /// The angle of a steered wheel with others linked to it at which the wheels allow most of a
-    /// twist: yaw counts by the size of the robot, and of equal angles the nearest to the present one.
-    fn aim(&mut self, k: usize, twist: &[f64], present: f64) -> f64 {
-        const COARSE: usize = 48;
-        const FINE: usize = 24;
-        let limit = self.leads[k].limit;
-        let size = self
-            .platform
-            .wheels()
-            .iter()
-            .map(|wheel| hypot(wheel.mount.x, wheel.mount.y))
-            .fold(0.0, f64::max);
-        let at = self.leads[k].at;
-        let mut cost = |angle: f64| {
-            self.x[at] = angle;
-            let v = self.allowed(twist);
-            let (got, turn) = self.platform.twist(&v);
-            let off = hypot(got.x - twist[0], got.y - twist[1]);
-            let turned = size * (turn - twist[2]);
-            let scale = hypot(hypot(twist[0], twist[1]), size * twist[2]);
-            let away = 1e-4 * scale * (angle - present);
-            off * off + turned * turned + away * away
-        };
-        let step = 2.0 * limit / COARSE as f64;
-        let mut best = (cost(present), present);
-        for n in 0..=COARSE {
-            let angle = -limit + n as f64 * step;
-            let found = cost(angle);
-            if found < best.0 {
-                best = (found, angle);
-            }
-        }
-        // Golden section about the best of them.
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        let (mut low, mut high) = ((best.1 - step).max(-limit), (best.1 + step).min(limit));
-        for _ in 0..FINE {
-            let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-            if cost(a) < cost(b) {
-                high = b;
-            } else {
-                low = a;
-            }
-        }
-        0.5 * (low + high)
-    }
 }
 
 /// One driven wheel as the servo knows it.
@@ -199,9 +60,7 @@ impl Servo {
         let (file, level) = (&robot.servo, robot.level);
         let name = format!("robot.{}", robot.name);
         let wheels = platform.wheels();
-        let driven: Vec<usize> = (0..wheels.len())
-            .filter(|&i| crate::plant::command_signal(&wheels[i].drive).is_some())
-            .collect();
+        let driven = driven(platform);
         let port = |path: String, unit: &str| Signal {
             path: format!("{name}.{path}"),
             unit: unit.to_owned(),
@@ -225,9 +84,6 @@ impl Servo {
         }
 
         let leads = platform.layout().steered.clone();
-        let built = robot.platform.as_ref();
-        let start_angles =
-            crate::build::start_angles(built.expect("a checked robot has a platform"));
         for &i in &leads {
             let wheel = &wheels[i].name;
             inputs.push(port(format!("wheel.{wheel}.steering_angle"), "rad"));
@@ -246,28 +102,18 @@ impl Servo {
             .iter()
             .map(|&i| platform.spin_row(i, &platform.wheel_frame(i, &x)))
             .collect();
-        let mut inertias = if leads.is_empty() {
+        let inertias = if leads.is_empty() {
             acceleration_torques(n, &reduced.mass, &rows)
         } else {
             guided_torques(n, mobility.matrix(), &rows)
         };
-        let steering = (!leads.is_empty()).then(|| Steering {
-            platform: platform.clone(),
-            level,
-            driven: driven.clone(),
-            leads: leads
-                .iter()
-                .enumerate()
-                .map(|(k, &wheel)| lead(robot, platform, wheel, mobility.matrix(), k, period))
-                .collect(),
-            x: x.clone(),
-            inverse,
-        });
+        let steering = Steering::new(robot, platform, inverse, mobility.matrix(), period);
         let bandwidth = file.bandwidth.unwrap_or(0.2 / period);
         let axles = driven
             .iter()
             .zip(&rows)
-            .map(|(&i, row)| {
+            .zip(inertias)
+            .map(|((&i, row), inertia)| {
                 let wheel = &wheels[i];
                 let rate = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|t| {
                     let v = platform.velocity_from_twist(vec2(t[0], t[1]), t[2], &[]);
@@ -283,7 +129,7 @@ impl Servo {
                 };
                 Axle {
                     rate,
-                    inertia: inertias.remove(0),
+                    inertia,
                     viscous: wheel.viscous,
                     gain: bandwidth * felt,
                     drive: wheel.drive,
@@ -293,8 +139,7 @@ impl Servo {
             .collect::<Vec<_>>();
         let mut state = vec![0.0; 2 * axles.len() + 1];
         // Steered wheels stay as they start until there is somewhere to go.
-        let start = crate::build::rest_state(platform, [0.0; 3], &start_angles);
-        state.extend(leads.iter().map(|&i| platform.steering_angle(i, &start)));
+        state.extend(steering.iter().flat_map(Steering::angles));
         Servo {
             inputs,
             outputs,
@@ -339,7 +184,7 @@ impl Block for Servo {
                 }
             }
             Some(steering) => {
-                let leads = steering.leads.len();
+                let leads = steered.len() / 2;
                 let mut turned = [[0.0; MAX_WHEELS]; 2];
                 for k in 0..leads {
                     (turned[0][k], turned[1][k]) = (steered[2 * k], steered[2 * k + 1]);
@@ -414,6 +259,14 @@ impl Block for Servo {
     }
 }
 
+/// The wheels that take a command.
+fn driven(platform: &Platform<f64>) -> Vec<usize> {
+    let wheels = platform.wheels();
+    (0..wheels.len())
+        .filter(|&i| crate::plant::command_signal(&wheels[i].drive).is_some())
+        .collect()
+}
+
 /// Torque per acceleration of each axle: v̇ from the axles' accelerations by least squares, then the
 /// smallest torques for M v̇.
 fn acceleration_torques(n: usize, mass: &Square<f64>, rows: &[Row<f64>]) -> Vec<Vec<f64>> {
@@ -442,56 +295,6 @@ fn guided_torques(n: usize, mobility: &Square<f64>, rows: &[Row<f64>]) -> Vec<Ve
         shares.collect()
     };
     (0..rows.len()).map(own).collect()
-}
-
-/// What is known of a steered wheel.
-fn lead(
-    robot: &scenario::Robot,
-    platform: &Platform<f64>,
-    wheel: usize,
-    mobility: &Square<f64>,
-    k: usize,
-    period: f64,
-) -> Lead {
-    let layout = platform.layout();
-    let at = layout.eta + k;
-    // What the steering motor feels.
-    let inertia = 1.0 / mobility[at][at];
-    let file = robot
-        .platform
-        .as_ref()
-        .expect("a checked robot has a platform");
-    match file.wheel[wheel].steering {
-        scenario::Steering::Steered {
-            angle_max_deg,
-            rate_max,
-            torque_max,
-            bandwidth,
-            ..
-        } => Lead {
-            wheel,
-            is_linked: file
-                .wheel
-                .iter()
-                .any(|w| matches!(&w.steering, scenario::Steering::Linked { to, .. } if *to == file.wheel[wheel].name)),
-            at: layout.swivel(
-                layout
-                    .swivels
-                    .iter()
-                    .position(|&i| i == wheel)
-                    .expect("a steered wheel swivels"),
-            ),
-            limit: angle_max_deg.to_radians(),
-            rate_max,
-            torque_max: torque_max.unwrap_or(f64::MAX),
-            // A loop of samples is no faster than that.
-            bandwidth: bandwidth.min(0.25 / period),
-            // The rate loop is four times as fast as that of the angle, so that the angle does not run
-            // over, but takes two periods at least.
-            gain: inertia * (4.0 * bandwidth).min(0.5 / period),
-        },
-        _ => unreachable!("only steered wheels are driven about their pivots"),
-    }
 }
 
 /// The value within ± limit, and whether it was beyond.

@@ -104,6 +104,37 @@ pub fn end_point<T: Scalar>(
     [at.x, at.y, yaw]
 }
 
+impl Course {
+    /// Whether the end points of a robot of this geometry, whose wheels slip by `slip` (standard
+    /// deviation, m), still tell by how much it errs; the option at fault, what it must be and what it
+    /// is, if not. Bounds by trial: at all their corners the exact calibration converges.
+    ///
+    /// # Errors
+    /// A side that bends by more than 0.15 rad, a track off by more than 8 %, or a slip of more than
+    /// 0.2 % of a side.
+    pub fn tells(&self, built: &Geometry<f64>, slip: f64) -> Result<(), String> {
+        let within = |what: &str, value: f64, middle: f64, reach: f64| {
+            if (value - middle).abs() <= reach {
+                return Ok(());
+            }
+            let (low, high) = (middle - reach, middle + reach);
+            Err(format!(
+                "{what} must be in [{low:.5}, {high:.5}] for a side of {} m and a track of {} m, got {value}",
+                self.side, self.track
+            ))
+        };
+        let bend = 0.15 * self.track / self.side;
+        within(
+            "the ratio of diameters",
+            built.diameters,
+            1.0,
+            bend.min(0.1),
+        )?;
+        within("the ratio of tracks", built.track, 1.0, 0.08)?;
+        within("the slip, m,", slip, 0.001 * self.side, 0.001 * self.side)
+    }
+}
+
 /// What a test found.
 #[derive(Clone, Debug, Serialize)]
 pub struct Round {

@@ -81,29 +81,13 @@ fn step<T: Scalar, S: Dynamics<T>, I: Input<T>>(
     u: &mut [T],
     x: &mut [T],
     mode: &mut [T],
-    buffers: [&mut [T]; 3],
-) {
-    input.at(t, u);
-    system.decide(x, u, mode);
-    stages(system, input, t, dt, u, x, mode, buffers);
-    system.settle(x, u, mode);
-}
-
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn stages<T: Scalar, S: Dynamics<T>, I: Input<T>>(
-    system: &S,
-    input: &I,
-    t: f64,
-    dt: f64,
-    u: &mut [T],
-    x: &mut [T],
-    mode: &[T],
     [slope, sum, stage]: [&mut [T]; 3],
 ) {
     const AHEAD: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
     const WEIGHT: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
     let n = x.len();
+    input.at(t, u);
+    system.decide(x, u, mode);
     system.derivative(x, u, mode, slope);
     let weight = T::from(WEIGHT[0] * dt);
     for k in 0..n {
@@ -129,4 +113,5 @@ fn stages<T: Scalar, S: Dynamics<T>, I: Input<T>>(
     for k in 0..n {
         x[k] += sum[k];
     }
+    system.settle(x, u, mode);
 }

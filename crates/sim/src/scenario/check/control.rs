@@ -1,0 +1,296 @@
+//! Rules of controllers and tasks.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::super::*;
+use super::{Checker, number, sensor_name};
+
+pub(super) fn check_controller(
+    c: &mut Checker,
+    robot: &Robot,
+    driven: &[&str],
+    scenario: &Scenario,
+    folder: &Path,
+) {
+    let base = format!("robot.{}.controller", robot.name);
+    let path = |field: &str| format!("{base}.{field}");
+    let Some(controller) = &robot.controller else {
+        return;
+    };
+    let (kind, follower) = match controller {
+        Controller::Homing(follower) => ("homing", follower),
+        Controller::Gate(follower) => ("gate", follower),
+        Controller::Eight(follower) => ("eight", follower),
+        Controller::Slalom(follower) => ("slalom", follower),
+        Controller::Signals { period, channel } => {
+            c.period(path("period"), *period, scenario.time.step);
+            let names = channel.iter().map(|ch| ch.to.as_str());
+            c.unique(&path("channel"), "to", names);
+            for channel in channel {
+                check_channel(c, channel, &base, robot, driven, folder);
+            }
+            return;
+        }
+    };
+    let task = robot.task.as_ref().map(task_kind);
+    if task != Some(kind) {
+        c.refuse(
+            path("kind"),
+            format!(
+                "must go with a task of the same kind, got \"{kind}\" with {}",
+                task.unwrap_or("no task")
+            ),
+            &format!("add [robot.task] with kind = \"{kind}\", or choose another controller"),
+        );
+    }
+    if driven.is_empty() {
+        c.refuse(
+            path("kind"),
+            "must have a driven wheel to command, got none",
+            "give a wheel a drive",
+        );
+    }
+    c.period(path("period"), follower.period, scenario.time.step);
+    c.require(
+        follower.period <= 0.1,
+        path("period"),
+        "at most 0.1 s",
+        follower.period,
+    );
+    for (field, value) in [
+        ("speed", follower.speed),
+        ("acceleration", follower.acceleration),
+        ("lateral_acceleration", follower.lateral_acceleration),
+        ("yaw_rate", follower.yaw_rate),
+        ("yaw_acceleration", follower.yaw_acceleration),
+        ("lookahead", follower.lookahead),
+    ] {
+        c.positive(path(field), value);
+    }
+    let needed = match follower.pose {
+        PoseSource::Truth => None,
+        PoseSource::PoseSensor => Some("pose"),
+        PoseSource::Odometry => Some("odometry"),
+    };
+    if let Some(needed) = needed
+        && !robot.sensor.iter().any(|s| sensor_name(s) == needed)
+    {
+        c.refuse(
+            path("pose"),
+            format!("must name a sensor that the robot has, got one of kind \"{needed}\""),
+            &format!("add [[robot.sensor]] with kind = \"{needed}\", and no name of its own"),
+        );
+    }
+}
+
+fn check_channel(
+    c: &mut Checker,
+    channel: &Channel,
+    base: &str,
+    robot: &Robot,
+    driven: &[&str],
+    folder: &Path,
+) {
+    let path = |field: &str| format!("{base}.channel.{}.{field}", channel.to);
+    let known = ["forward", "left", "yaw_rate", "brake"].contains(&channel.to.as_str());
+    let wheel = channel
+        .to
+        .strip_prefix("wheel.")
+        .filter(|w| driven.contains(w));
+    if !known && wheel.is_none() {
+        let wheels: Vec<String> = driven.iter().map(|w| format!("wheel.{w}")).collect();
+        c.refuse(
+            path("to"),
+            format!("must be a channel of the robot, got \"{}\"", channel.to),
+            &format!(
+                "one of forward, left, yaw_rate, brake, {}",
+                wheels.join(", ")
+            ),
+        );
+    }
+    let twisted = |to: &str| ["forward", "left", "yaw_rate"].contains(&to);
+    if let Some(Controller::Signals { channel: all, .. }) = &robot.controller
+        && twisted(&channel.to)
+        && all.iter().any(|other| other.to.starts_with("wheel."))
+    {
+        c.refuse(
+            path("to"),
+            "must not stand beside channels of wheels",
+            "command either the twist or the wheels",
+        );
+    }
+    let mut numbers = Vec::new();
+    match &channel.signal {
+        Signal::Constant { value } => numbers.push(("value", *value)),
+        Signal::Step { at, before, after } => {
+            numbers.extend([("at", *at), ("before", *before), ("after", *after)]);
+        }
+        Signal::Ramp {
+            from_time,
+            to_time,
+            from,
+            to,
+        } => {
+            numbers.extend([
+                ("from_time", *from_time),
+                ("to_time", *to_time),
+                ("from", *from),
+                ("to", *to),
+            ]);
+            c.require(
+                to_time > from_time,
+                path("signal.to_time"),
+                &format!("later than from_time = {}", number(*from_time)),
+                number(*to_time),
+            );
+        }
+        Signal::Sine {
+            amplitude,
+            period,
+            phase_deg,
+            offset,
+        }
+        | Signal::Square {
+            amplitude,
+            period,
+            phase_deg,
+            offset,
+        }
+        | Signal::Triangle {
+            amplitude,
+            period,
+            phase_deg,
+            offset,
+        }
+        | Signal::Sawtooth {
+            amplitude,
+            period,
+            phase_deg,
+            offset,
+        } => {
+            numbers.extend([
+                ("amplitude", *amplitude),
+                ("phase_deg", *phase_deg),
+                ("offset", *offset),
+            ]);
+            c.positive(path("signal.period"), *period);
+        }
+        Signal::Stairs { at, values } => {
+            let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
+            if at.is_empty() || at.len() != values.len() || !rising {
+                c.refuse(
+                    path("signal.at"),
+                    format!(
+                        "must be increasing times, one for each value, got {at:?} for {values:?}"
+                    ),
+                    "for example at = [0.0, 4.0], values = [0.1, 0.0]",
+                );
+            }
+            numbers.extend(at.iter().map(|time| ("at", *time)));
+            numbers.extend(values.iter().map(|value| ("values", *value)));
+        }
+        Signal::Table { file, column } => {
+            if let Err(problem) = crate::controller::read_table(&folder.join(file), column) {
+                c.refuse(
+                    path("signal.file"),
+                    problem,
+                    "a CSV with a header row; its first column is time in s",
+                );
+            }
+        }
+    }
+    for (field, value) in numbers {
+        c.finite(path(&format!("signal.{field}")), value);
+    }
+}
+
+fn task_kind(task: &Task) -> &'static str {
+    match task {
+        Task::Homing { .. } => "homing",
+        Task::Gate { .. } => "gate",
+        Task::Eight { .. } => "eight",
+        Task::Slalom { .. } => "slalom",
+    }
+}
+
+pub(super) fn check_task(c: &mut Checker, task: &Task, base: &str, arena: &Arena) {
+    let path = |field: &str| format!("{base}.{field}");
+    let names: Vec<&str> = arena.beacon.iter().map(|b| b.name.as_str()).collect();
+    let known = |c: &mut Checker, field: &str, name: &str| {
+        if !names.contains(&name) {
+            c.refuse(
+                path(field),
+                format!("must name a beacon of the arena, got \"{name}\""),
+                &format!("there are: {}", names.join(", ")),
+            );
+        }
+    };
+    match task {
+        Task::Homing {
+            beacon,
+            distance,
+            speed,
+            hold,
+        } => {
+            known(c, "beacon", beacon);
+            c.positive(path("distance"), *distance);
+            c.positive(path("speed"), *speed);
+            c.not_negative(path("hold"), *hold);
+        }
+        Task::Gate { beacons, exit, .. } => {
+            two(c, beacons, &path("beacons"));
+            beacons.iter().for_each(|b| known(c, "beacons", b));
+            c.positive(path("exit"), *exit);
+        }
+        Task::Eight {
+            beacons,
+            laps,
+            close,
+        } => {
+            two(c, beacons, &path("beacons"));
+            beacons.iter().for_each(|b| known(c, "beacons", b));
+            c.require(
+                (1..=1000).contains(laps),
+                path("laps"),
+                "in [1, 1000]",
+                laps,
+            );
+            c.positive(path("close"), *close);
+        }
+        Task::Slalom {
+            chain, offset_max, ..
+        } => {
+            if chain.len() < 2 {
+                c.refuse(
+                    path("chain"),
+                    format!("must name at least two beacons, got {}", chain.len()),
+                    "a slalom passes its beacons on alternating sides",
+                );
+            }
+            let mut passed = BTreeSet::new();
+            for beacon in chain.iter().filter(|beacon| !passed.insert(*beacon)) {
+                c.refuse(
+                    path("chain"),
+                    format!("must name each beacon once, got \"{beacon}\" twice"),
+                    "give the place a second beacon, or shorten the chain",
+                );
+            }
+            chain.iter().for_each(|b| known(c, "chain", b));
+            c.positive(path("offset_max"), *offset_max);
+        }
+    }
+}
+
+fn two(c: &mut Checker, beacons: &[String; 2], path: &str) {
+    if beacons[0] == beacons[1] {
+        c.refuse(
+            path,
+            format!(
+                "must be two different beacons, got \"{}\" twice",
+                beacons[0]
+            ),
+            "the way leads between them",
+        );
+    }
+}

@@ -1,0 +1,176 @@
+//! Rules of a robot file.
+
+use super::super::*;
+use super::{Checker, number};
+
+pub(super) fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str) {
+    let path = |field: &str| {
+        if prefix.is_empty() {
+            field.to_owned()
+        } else {
+            format!("{prefix}.{field}")
+        }
+    };
+    let before = c.problems.len();
+    c.schema(path("schema"), platform.schema);
+    c.name(path("name"), &platform.name);
+    c.positive(path("collision_radius"), platform.collision_radius);
+    c.positive(path("body.mass"), platform.body.mass);
+    c.positive(path("body.inertia_com"), platform.body.inertia_com);
+    for value in platform.body.center_of_mass {
+        c.finite(path("body.center_of_mass"), value);
+    }
+    c.not_negative(path("body.center_of_mass"), platform.body.center_of_mass[2]);
+    if platform.footprint.len() == 1 || platform.footprint.len() == 2 {
+        c.refuse(
+            path("footprint"),
+            "must have at least three corners",
+            "leave it out for a circle",
+        );
+    }
+    for corner in platform.footprint.iter().flatten() {
+        c.finite(path("footprint"), *corner);
+    }
+    let names = platform.wheel.iter().map(|w| w.name.as_str());
+    c.unique(&path("wheel"), "name", names);
+    for wheel in &platform.wheel {
+        wheel_rules(c, wheel, &path(&format!("wheel.{}", wheel.name)));
+    }
+    if c.problems.len() > before {
+        return;
+    }
+    match crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81) {
+        Err(error) => {
+            let (field, problem, hint) = crate::build::explain(&error);
+            c.refuse(path(&field), problem, hint);
+        }
+        Ok(built) if built.degrees().0 == 0 => c.refuse(
+            path("wheel"),
+            "must leave a way to roll: the steered wheels' axles and those of the others have no common center, got no motion",
+            "link the steered wheels (steering kind \"linked\" or \"guided\"), or let some swivel",
+        ),
+        Ok(_) => {}
+    }
+}
+
+fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
+    let path = |field: &str| format!("{base}.{field}");
+    c.name(path("name"), &wheel.name);
+    for value in wheel.mount {
+        c.finite(path("mount"), value);
+    }
+    c.positive(path("radius"), wheel.radius);
+    c.positive(path("width"), wheel.width);
+    for (field, value) in [
+        ("mass", wheel.mass),
+        ("spin_inertia", wheel.spin_inertia),
+        ("vertical_inertia", wheel.vertical_inertia),
+        ("friction.viscous", wheel.friction.viscous),
+        ("friction.dry", wheel.friction.dry),
+        ("friction.rolling", wheel.friction.rolling),
+        ("friction.pivot_viscous", wheel.friction.pivot_viscous),
+        ("brake_torque", wheel.brake_torque),
+    ] {
+        c.not_negative(path(field), value);
+    }
+    match &wheel.steering {
+        &Steering::Fixed { angle_deg } => c.finite(path("steering.angle_deg"), angle_deg),
+        Steering::Steered {
+            angle_deg,
+            angle_max_deg,
+            rate_max,
+            torque_max,
+            bandwidth,
+        } => {
+            c.require(
+                *angle_max_deg > 0.0 && *angle_max_deg <= 180.0,
+                path("steering.angle_max_deg"),
+                "in (0, 180]",
+                number(*angle_max_deg),
+            );
+            c.require(
+                angle_deg.abs() <= *angle_max_deg,
+                path("steering.angle_deg"),
+                &format!("within ± angle_max_deg = {}", number(*angle_max_deg)),
+                number(*angle_deg),
+            );
+            c.positive(path("steering.rate_max"), *rate_max);
+            c.positive(path("steering.bandwidth"), *bandwidth);
+            if let Some(torque) = torque_max {
+                c.positive(path("steering.torque_max"), *torque);
+            }
+            if wheel.vertical_inertia <= 0.0 {
+                c.refuse(
+                    path("vertical_inertia"),
+                    format!(
+                        "must be > 0 on a steered wheel, got {}",
+                        wheel.vertical_inertia
+                    ),
+                    "the steering motor turns it; m (3 r² + w²) / 12 of a solid cylinder will do",
+                );
+            }
+        }
+        Steering::Linked { ratio, .. } => c.require(
+            *ratio != 0.0 && ratio.abs() <= 10.0,
+            path("steering.ratio"),
+            "in [-10, 10] and not 0",
+            number(*ratio),
+        ),
+        Steering::Guided { .. } => {}
+        &Steering::Free { trail, angle_deg } => {
+            c.finite(path("steering.angle_deg"), angle_deg);
+            if !(trail.is_finite() && trail != 0.0) {
+                c.refuse(
+                    path("steering.trail"),
+                    format!("must be finite and not 0, got {trail}"),
+                    "a caster swivels because its contact trails the pivot",
+                );
+            }
+        }
+    }
+    if let Rim::Rollers { angle_deg } = wheel.rim {
+        let good = angle_deg.abs() < 85.0;
+        if !good {
+            c.refuse(
+                path("rim.angle_deg"),
+                format!("must be between -85 and 85, got {}", number(angle_deg)),
+                "45 for mecanum wheels, 0 for omni wheels; near 90 a rim has no grip",
+            );
+        }
+    }
+    match &wheel.drive {
+        Drive::None => {}
+        Drive::Torque {
+            torque_max,
+            rate_max,
+        } => {
+            c.positive(path("drive.torque_max"), *torque_max);
+            c.positive(path("drive.rate_max"), *rate_max);
+        }
+        Drive::DcMotor {
+            resistance,
+            inductance,
+            torque_constant,
+            back_emf_constant,
+            gear_ratio,
+            gear_efficiency,
+            rotor_inertia,
+            voltage_max,
+            current_max,
+        } => {
+            c.positive(path("drive.resistance"), *resistance);
+            c.not_negative(path("drive.inductance"), *inductance);
+            c.positive(path("drive.torque_constant"), *torque_constant);
+            if let Some(constant) = back_emf_constant {
+                c.positive(path("drive.back_emf_constant"), *constant);
+            }
+            c.positive(path("drive.gear_ratio"), *gear_ratio);
+            c.share(path("drive.gear_efficiency"), *gear_efficiency);
+            c.not_negative(path("drive.rotor_inertia"), *rotor_inertia);
+            c.positive(path("drive.voltage_max"), *voltage_max);
+            if let Some(current) = current_max {
+                c.positive(path("drive.current_max"), *current);
+            }
+        }
+    }
+}
