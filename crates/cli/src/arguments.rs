@@ -155,9 +155,10 @@ pub struct CompareOptions {
     /// Levels, separated by commas.
     #[arg(long, value_delimiter = ',', default_value = "kinematic,rolling")]
     pub levels: Vec<String>,
-    /// Drives at level rolling, separated by commas.
-    #[arg(long, value_delimiter = ',', default_value = "torque,dc-motor")]
-    pub drives: Vec<String>,
+    /// Drives at level rolling, separated by commas [default: torque, and dc-motor where the robots
+    /// have motors].
+    #[arg(long, value_delimiter = ',')]
+    pub drives: Option<Vec<String>>,
     /// Method of integration: auto, rk4, exponential or adaptive.
     #[arg(long)]
     pub integrator: Option<String>,

@@ -1,6 +1,6 @@
 //! `appell compare`.
 
-use appell_sim::compare::{Entry, block, divergence};
+use appell_sim::compare::{Entry, block, divergence, drives};
 use appell_sim::record::Memory;
 use appell_sim::report::{self, Press};
 use appell_sim::run::Run;
@@ -13,6 +13,12 @@ use crate::{exit, terminal};
 
 /// Runs a scenario at several levels, and shows where they part.
 pub fn compare(options: &CompareOptions) -> u8 {
+    let drives = match &options.drives {
+        Some(drives) => drives.clone(),
+        // What is wrong with the file is said below, with the first of its variants.
+        None => scenario::load(&options.scenario, &[])
+            .map_or(vec!["torque".into()], |loaded| drives(&loaded.scenario)),
+    };
     let mut variants: Vec<(String, Changes)> = Vec::new();
     for level in &options.levels {
         let changes = |drive: Option<&String>| Changes {
@@ -25,7 +31,7 @@ pub fn compare(options: &CompareOptions) -> u8 {
         if level == "kinematic" {
             variants.push((level.clone(), changes(None)));
         } else {
-            for drive in &options.drives {
+            for drive in &drives {
                 variants.push((format!("{level}, {drive}"), changes(Some(drive))));
             }
         }

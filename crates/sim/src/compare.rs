@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 
 use crate::record::Recording;
 use crate::run::{Outcome, Summary};
+use crate::scenario::{Drive, Scenario};
 
 /// One of the runs compared.
 pub struct Entry {
@@ -128,4 +129,21 @@ pub fn block(entries: &[Entry]) -> Value {
         })
         .collect();
     json!({"note": "same controller, same seed", "runs": runs, "reference": 0, "distance": distance})
+}
+
+/// The drives by which all robots of a scenario can be compared, in the words of the file.
+pub fn drives(scenario: &Scenario) -> Vec<String> {
+    let wheels = scenario
+        .robot
+        .iter()
+        .filter_map(|robot| robot.platform.as_ref())
+        .flat_map(|platform| &platform.wheel);
+    let motors = wheels
+        .filter(|wheel| wheel.drive != Drive::None)
+        .all(|wheel| matches!(wheel.drive, Drive::DcMotor { .. }));
+    let mut drives = vec!["torque".to_owned()];
+    if motors {
+        drives.push("dc-motor".into());
+    }
+    drives
 }

@@ -259,6 +259,10 @@ pub struct Equations {
     pub gyro: Vec<Vec<f64>>,
     /// The wheels, with the rows sᵢ of φ̇ᵢ = sᵢ · v; the input map of the driven ones.
     pub wheels: Vec<(String, bool, Vec<f64>)>,
+    /// The wheels that a motor steers; their steering rates are the last coordinates.
+    pub steered: Vec<String>,
+    /// The wheels turned by motors and links, with the rows lᵢ of the conditions lᵢ · v = 0.
+    pub conditions: Vec<(String, Vec<f64>)>,
 }
 
 /// Derives the equations for a gravity in m/s².
@@ -268,8 +272,9 @@ pub struct Equations {
 pub fn equations(file: &File, gravity: f64) -> Equations {
     let platform = build::platform(file, DriveModel::AsBuilt, gravity)
         .expect("a checked platform can be built");
-    let n = platform.layout().dof();
-    let x = build::rest_state(&platform, [0.0; 3], &[]);
+    let layout = platform.layout();
+    let n = layout.dof();
+    let x = build::rest_state(&platform, [0.0; 3], &build::start_angles(file));
     let reduced = platform.reduce(&x);
     let block = |matrix: &appell_model::solve::Square<f64>| -> Vec<Vec<f64>> {
         matrix[..n].iter().map(|row| row[..n].to_vec()).collect()
@@ -290,13 +295,37 @@ pub fn equations(file: &File, gravity: f64) -> Equations {
         mass: block(&reduced.mass),
         gyro: block(&reduced.gyro),
         wheels: wheels.collect(),
+        steered: layout
+            .steered
+            .iter()
+            .map(|&i| platform.wheels()[i].name.clone())
+            .collect(),
+        conditions: layout
+            .guides
+            .iter()
+            .map(|&i| {
+                let row = platform.lateral_row(&platform.wheel_frame(i, &x));
+                (platform.wheels()[i].name.clone(), row[..n].to_vec())
+            })
+            .collect(),
     }
 }
 
 impl Equations {
-    /// Names of the velocity coordinates: V, ω where a coordinate is a component of the twist.
-    fn names(&self, forward: &str, left: &str, turn: &str) -> Vec<String> {
+    /// Names of the velocity coordinates: V, ω where a coordinate is a component of the twist, and
+    /// what `steering` makes of the name of a steered wheel.
+    fn names(
+        &self,
+        forward: &str,
+        left: &str,
+        turn: &str,
+        steering: &dyn Fn(&str) -> String,
+    ) -> Vec<String> {
+        let eta = self.coordinates.len() - self.steered.len();
         let name = |(k, twist): (usize, &[f64; 3])| {
+            if k >= eta {
+                return steering(&self.steered[k - eta]);
+            }
             let pure = |axis: usize| (0..3).all(|a| (twist[a] == 0.0) != (a == axis));
             match [0, 1, 2].map(pure) {
                 [true, ..] => forward.to_owned(),
@@ -318,7 +347,8 @@ impl Equations {
         };
         let mut out =
             String::from("  equations of motion: M v' + ω G v = Σ s τ − losses + weight\n");
-        out += &format!("    v = ({})\n", self.names("V_x", "V_y", "ω").join(", "));
+        let names = self.names("V_x", "V_y", "ω", &|wheel| format!("γ' {wheel}"));
+        out += &format!("    v = ({})\n", names.join(", "));
         for (name, matrix) in [("M", &self.mass), ("G", &self.gyro)] {
             for (k, values) in matrix.iter().enumerate() {
                 let name = if k == 0 { name } else { "" };
@@ -329,6 +359,13 @@ impl Equations {
             let role = if *driven { "driven" } else { "free" };
             let label = format!("s {name}");
             out += &format!("    {label:16}{}  {role}\n", row(values));
+        }
+        for (name, values) in &self.conditions {
+            let label = format!("l {name}");
+            out += &format!("    {label:16}{}  l v = 0\n", row(values));
+        }
+        if !self.conditions.is_empty() {
+            out += "    at the angles of the start; M, G, s and l turn with the wheels, which adds terms in γ'\n";
         }
         out
     }
@@ -354,11 +391,20 @@ impl Equations {
         let inputs: Vec<Vec<f64>> = (0..self.mass.len())
             .map(|k| driven.iter().map(|(_, _, row)| row[k]).collect())
             .collect();
-        let names = self.names("V_x", "V_y", r"\omega");
-        let rates: Vec<String> = names.iter().map(|name| format!(r"\dot {name}")).collect();
+        let text = |name: &str| format!(r"\mathrm{{{}}}", name.replace('_', r"\_"));
+        let names = self.names("V_x", "V_y", r"\omega", &|wheel| {
+            format!(r"\dot\gamma_{{{}}}", text(wheel))
+        });
+        let rates: Vec<String> = names
+            .iter()
+            .map(|name| match name.strip_prefix(r"\dot\gamma") {
+                Some(of) => format!(r"\ddot\gamma{of}"),
+                None => format!(r"\dot {name}"),
+            })
+            .collect();
         let torques: Vec<String> = driven
             .iter()
-            .map(|(name, ..)| format!(r"\tau_{{\mathrm{{{}}}}}", name.replace('_', r"\_")))
+            .map(|(name, ..)| format!(r"\tau_{{{}}}", text(name)))
             .collect();
         let column = |entries: &[String]| {
             format!(
@@ -366,7 +412,7 @@ impl Equations {
                 entries.join(r" \\ ")
             )
         };
-        format!(
+        let mut out = format!(
             "{} {} + \\omega {} {} = {} {} + \\dots",
             matrix(&self.mass),
             column(&rates),
@@ -374,7 +420,12 @@ impl Equations {
             column(&names),
             matrix(&inputs),
             column(&torques)
-        )
+        );
+        if !self.conditions.is_empty() {
+            let rows: Vec<Vec<f64>> = self.conditions.iter().map(|(_, row)| row.clone()).collect();
+            out += &format!(", \\quad {} {} = 0", matrix(&rows), column(&names));
+        }
+        out
     }
 }
 

@@ -86,13 +86,22 @@ impl Lead {
     }
 
     /// The angle at which the wheel rolls along a velocity of its mount, the nearer of both ends
-    /// leading, within the limit.
-    fn towards(&self, velocity: Vec2<f64>) -> f64 {
-        let mut wanted = atan2(velocity.y, velocity.x);
-        if wanted.abs() > FRAC_PI_2 {
-            wanted -= PI.copysign(wanted);
-        }
-        wanted.clamp(-self.limit, self.limit)
+    /// leading. Where the limit forbids both, the robot rather drives the way that it is told,
+    /// `backwards` or not.
+    fn towards(&self, velocity: Vec2<f64>, backwards: bool) -> f64 {
+        let wanted = atan2(velocity.y, velocity.x);
+        let turned = wanted - PI.copysign(wanted);
+        let near = if wanted.abs() > FRAC_PI_2 {
+            turned
+        } else {
+            wanted
+        };
+        let chosen = match (near.abs() <= self.limit, backwards) {
+            (true, _) => near,
+            (false, false) => wanted,
+            (false, true) => turned,
+        };
+        chosen.clamp(-self.limit, self.limit)
     }
 
     /// Rate, rad/s, or torque, N·m, that turns the wheel towards an angle.
@@ -168,7 +177,7 @@ impl Steering {
                 targets[k] = if self.leads[k].is_linked {
                     self.aim(k, twist, angles[k])
                 } else {
-                    self.leads[k].towards(velocity)
+                    self.leads[k].towards(velocity, twist[0] < 0.0)
                 };
             }
         }
