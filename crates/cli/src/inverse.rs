@@ -72,13 +72,7 @@ fn answer(options: &InverseOptions) -> Result<(String, Demanded), String> {
 /// The planned path of the robot's task, driven within the limits of its controller.
 fn from_task(loaded: &Loaded, robot: &Robot) -> Result<Vec<Motion>, String> {
     let hint = "\n  hint: give a trajectory with --of FILE";
-    let Some(
-        Controller::Homing(tuning)
-        | Controller::Gate(tuning)
-        | Controller::Eight(tuning)
-        | Controller::Slalom(tuning),
-    ) = &robot.controller
-    else {
+    let Some(tuning) = robot.controller.as_ref().and_then(Controller::follower) else {
         return Err(format!(
             "robot.{}.controller: must plan a path, got one that does not{hint}",
             robot.name

@@ -8,7 +8,8 @@ use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::wheel::{Rim, Steering, Wheel};
 
-use crate::layout::{Beacon, Goal, Layout};
+use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
+use crate::route::Fault;
 use crate::scenario::{self, Direction, DriveChoice, Level, Robot, Scenario, Side, Task, Terrain};
 
 /// Which drives a platform is built with.
@@ -277,14 +278,22 @@ pub fn layout(scenario: &Scenario, robot: &Robot) -> Layout {
     }
 }
 
-/// The goal of a task, with beacons by index.
-pub fn goal(scenario: &Scenario, task: &Task) -> Goal {
+/// What a robot's task asks for, with beacons by index; files are looked for in `folder`.
+///
+/// # Errors
+/// A route's file changed since it was checked.
+pub fn assignment(
+    scenario: &Scenario,
+    robot: &Robot,
+    task: &Task,
+    folder: &std::path::Path,
+) -> Result<Assignment, Fault> {
     let index = |name: &String| {
         let beacons = &scenario.arena.beacon;
         let found = beacons.iter().position(|b| b.name == *name);
         found.expect("a checked scenario names its own beacons")
     };
-    match task {
+    Ok(Assignment::Beacons(match task {
         Task::Homing {
             beacon,
             distance,
@@ -331,5 +340,17 @@ pub fn goal(scenario: &Scenario, task: &Task) -> Goal {
             },
             offset_max: *offset_max,
         },
-    }
+        Task::Route {
+            path,
+            tolerance,
+            end,
+            laps,
+        } => {
+            return Ok(Assignment::Route(RouteGoal {
+                path: crate::route::path(path, *laps, robot.pose, folder)?,
+                tolerance: *tolerance,
+                end: *end,
+            }));
+        }
+    }))
 }

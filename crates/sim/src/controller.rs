@@ -1,23 +1,18 @@
-//! Controllers: open-loop signals, and the followers of planned paths that solve the beacon tasks.
+//! Controllers: open-loop signals, noise on commands, and the followers of paths.
+
+mod follower;
+mod law;
 
 use std::io::Read;
 use std::path::Path as FilePath;
 
 use appell_model::math::single::sin_cos;
-use appell_model::math::wrap_angle;
 
-use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
+use crate::block::{Block, BlockError, Port};
 use crate::noise::Stream;
-use crate::plan::{Path, SpeedLimits};
-use crate::scenario::{Follower as Tuning, PoseSource, Signal as SignalFile};
-use crate::signal::Signal as SignalName;
+use crate::scenario::Signal as SignalFile;
 
-fn port(path: String, unit: &str) -> Port {
-    SignalName {
-        path,
-        unit: unit.to_owned(),
-    }
-}
+pub use follower::PathFollower;
 
 /// A signal of time, ready to be evaluated.
 #[derive(Clone, Debug)]
@@ -132,8 +127,46 @@ fn formula_at(formula: &SignalFile, t: f64) -> f64 {
 /// Largest CSV file that is read, bytes.
 const TABLE_BYTES_MAX: u64 = 64 << 20;
 
-/// Reads time and one column of a CSV file with a header row.
+/// Reads columns of a CSV file with a header row, by their names.
+///
+/// # Errors
+/// The file cannot be read, has no such column or no row, or a cell is not a finite number.
+pub fn read_columns(file: &FilePath, names: &[&str]) -> Result<Vec<Vec<f64>>, String> {
+    read_csv(file, &|header| {
+        let place = |name: &&str| {
+            let found = header.iter().position(|known| known == name);
+            found.ok_or_else(|| format!("must have a column \"{name}\", got {}", header.join(", ")))
+        };
+        names.iter().map(place).collect()
+    })
+}
+
+/// Reads time, from the first column, and one column of a CSV file with a header row.
+///
+/// # Errors
+/// As [`read_columns`], or times that do not increase.
 pub fn read_table(file: &FilePath, column: &str) -> Result<(Vec<f64>, Vec<f64>), String> {
+    let mut columns = read_csv(file, &|header| {
+        let found = header.iter().position(|known| *known == column);
+        found
+            .map(|place| vec![0, place])
+            .ok_or_else(|| format!("must have a column \"{column}\", got {}", header.join(", ")))
+    })?;
+    let (values, times) = (columns.pop(), columns.pop());
+    let (values, times) = (values.unwrap_or_default(), times.unwrap_or_default());
+    if let Some(pair) = times.windows(2).find(|pair| pair[1] <= pair[0]) {
+        return Err(format!(
+            "times must increase, got {} after {}",
+            pair[1], pair[0]
+        ));
+    }
+    Ok((times, values))
+}
+
+/// Picks columns by the names of a header row.
+type Pick<'a> = &'a dyn Fn(&[&str]) -> Result<Vec<usize>, String>;
+
+fn read_csv(file: &FilePath, pick: Pick<'_>) -> Result<Vec<Vec<f64>>, String> {
     let mut text = String::new();
     std::fs::File::open(file)
         .and_then(|open| open.take(TABLE_BYTES_MAX + 1).read_to_string(&mut text))
@@ -152,34 +185,26 @@ pub fn read_table(file: &FilePath, column: &str) -> Result<(Vec<f64>, Vec<f64>),
         .next()
         .ok_or("must have a header row, got an empty file")?;
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
-    let index = names
-        .iter()
-        .position(|name| *name == column)
-        .ok_or_else(|| format!("must have a column \"{column}\", got {}", names.join(", ")))?;
-    let (mut times, mut values) = (Vec::new(), Vec::new());
+    let places = pick(&names)?;
+    let mut columns = vec![Vec::new(); places.len()];
     for (line, row) in lines {
-        let cell = |k: usize| -> Result<f64, String> {
-            let text = row.split(',').nth(k).unwrap_or("").trim();
-            let number: Result<f64, _> = text.parse();
-            number.ok().filter(|n| n.is_finite()).ok_or_else(|| {
+        let cells: Vec<&str> = row.split(',').map(str::trim).collect();
+        for (column, &place) in columns.iter_mut().zip(&places) {
+            let text = cells.get(place).copied().unwrap_or_default();
+            let number = text.parse().ok().filter(|n: &f64| n.is_finite());
+            column.push(number.ok_or_else(|| {
                 format!(
                     "line {} column {}: must be a finite number, got \"{text}\"",
                     line + 1,
-                    k + 1
+                    place + 1
                 )
-            })
-        };
-        let (t, value) = (cell(0)?, cell(index)?);
-        if times.last().is_some_and(|&last| t <= last) {
-            return Err(format!("line {}: times must increase, got {t}", line + 1));
+            })?);
         }
-        times.push(t);
-        values.push(value);
     }
-    if times.is_empty() {
+    if columns.iter().any(Vec::is_empty) {
         return Err("must have at least one row below the header".into());
     }
-    Ok((times, values))
+    Ok(columns)
 }
 
 /// Open loop: one waveform per output.
@@ -288,194 +313,5 @@ impl Block for WheelNoise {
             output[2 * k + 1] = noise;
         }
         Ok(())
-    }
-}
-
-/// Follows a planned path: the beacon controllers.
-///
-/// Curvature of the path ahead plus feedback of offset and heading error, both over the distance
-/// `lookahead` (C. Samson, *Control of chained systems: application to path following and
-/// time-varying point-stabilization of mobile robots*, IEEE TAC 40(1) 1995). Where the path points
-/// elsewhere, the robot turns on the spot first.
-pub struct PathFollower {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    path: Path,
-    /// Squared speed limit at each path point, m²/s².
-    limits: Vec<f64>,
-    tuning: Tuning,
-    state: State,
-}
-
-/// What the follower remembers, as numbers so that it can be saved.
-#[derive(Clone, Copy, Debug, Default)]
-struct State {
-    /// Progress along the path, m.
-    progress: f64,
-    /// Commanded speed, m/s.
-    speed: f64,
-    /// Commanded yaw rate, rad/s.
-    yaw_rate: f64,
-    /// 1 while turning on the spot.
-    turning: f64,
-}
-
-/// Heading error at which the follower stops to turn on the spot, and at which it drives on, rad.
-const TURN: (f64, f64) = (0.8, 0.12);
-/// Time by which the commands lead, for the lag of drives and hold, s.
-const LEAD: f64 = 0.04;
-
-impl PathFollower {
-    /// A follower of `path` for robot `name`.
-    pub fn new(name: &str, path: Path, tuning: &Tuning) -> Self {
-        let robot = format!("robot.{name}");
-        let source = match tuning.pose {
-            PoseSource::Truth => "pose",
-            PoseSource::PoseSensor => "sensor.pose",
-            PoseSource::Odometry => "sensor.odometry",
-        };
-        let limits = SpeedLimits {
-            speed: tuning.speed,
-            acceleration: tuning.acceleration,
-            lateral_acceleration: tuning.lateral_acceleration,
-            yaw_rate: tuning.yaw_rate,
-        };
-        let squared = path.speed_profile(&limits).iter().map(|v| v * v).collect();
-        PathFollower {
-            // The true position serves only to report the true offset.
-            inputs: [
-                (source, "x", "m"),
-                (source, "y", "m"),
-                (source, "yaw", "rad"),
-                ("pose", "x", "m"),
-                ("pose", "y", "m"),
-            ]
-            .map(|(source, axis, unit)| port(format!("{robot}.{source}.{axis}"), unit))
-            .to_vec(),
-            outputs: vec![
-                port(format!("{robot}.command.forward"), "m/s"),
-                port(format!("{robot}.command.left"), "m/s"),
-                port(format!("{robot}.command.yaw_rate"), "rad/s"),
-                port(format!("{robot}.path.offset"), "m"),
-                port(format!("{robot}.path.progress"), "m"),
-            ],
-            path,
-            limits: squared,
-            tuning: tuning.clone(),
-            state: State::default(),
-        }
-    }
-
-    /// Speed limit at arc length s, m/s: between points v² is linear, as under constant acceleration.
-    fn limit(&self, s: f64) -> f64 {
-        let last = self.limits.len() - 1;
-        if last == 0 {
-            return 0.0;
-        }
-        let steps = (s / self.path.ds).clamp(0.0, last as f64);
-        let k = (steps.floor() as usize).min(last - 1);
-        let share = steps - k as f64;
-        (self.limits[k] + share * (self.limits[k + 1] - self.limits[k]))
-            .max(0.0)
-            .sqrt()
-    }
-}
-
-impl Block for PathFollower {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-
-    fn step(
-        &mut self,
-        _tick: u64,
-        _t: f64,
-        dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
-        let [x, y, yaw] = [input[0], input[1], input[2]];
-        let tuning = &self.tuning;
-        let mut state = self.state;
-        let error_of = |x: f64, y: f64, s: f64| {
-            let (point, heading, curvature) = self.path.at(s);
-            let (sin, cos) = sin_cos(heading);
-            let (dx, dy) = (x - point[0], y - point[1]);
-            (dx * cos + dy * sin, dy * cos - dx * sin, heading, curvature)
-        };
-        let error = |s: f64| error_of(x, y, s);
-        // The foot of the robot on the path moves forward only, and no faster than twice the robot.
-        for _ in 0..2 {
-            let (along, offset, _, curvature) = error(state.progress);
-            let reach = 2.0 * (state.speed + tuning.acceleration * dt) * dt;
-            let bend = (1.0 - curvature * offset).max(0.2);
-            state.progress =
-                (state.progress + (along / bend).clamp(0.0, reach)).min(self.path.length);
-        }
-        let (along, offset, heading, _) = error(state.progress);
-        let heading_error = wrap_angle(yaw - heading);
-        let left = self.path.length - state.progress - along.min(0.0);
-
-        let turn = if state.turning > 0.5 { TURN.1 } else { TURN.0 };
-        let arrived = left < 0.002;
-        state.turning = f64::from(u8::from(heading_error.abs() > turn && !arrived));
-        let step = tuning.acceleration * dt;
-        let (mut speed, mut yaw_rate) = (0.0, 0.0);
-        if arrived {
-            // Stands at the end of the path.
-        } else if state.turning > 0.5 {
-            yaw_rate = (-3.0 * heading_error).clamp(-tuning.yaw_rate, tuning.yaw_rate);
-            if state.speed > 0.05 {
-                // Brakes along the path before it turns.
-                yaw_rate *= 0.3;
-            }
-        } else {
-            let ahead = state.progress + state.speed * dt + 0.5 * step * dt;
-            let off = offset / (0.4 * tuning.lookahead);
-            let slack = 1.0 / (1.0 + off * off);
-            let (_, cosine) = sin_cos(heading_error);
-            speed = (self.limit(ahead) * slack * cosine.max(0.2)).min(state.speed + step);
-            let (_, _, _, curvature) = error(state.progress + speed * LEAD);
-            let gain = 1.0 / tuning.lookahead;
-            let (sine, _) = sin_cos(heading_error);
-            let feedback = gain * gain * offset + 1.8 * gain * sine;
-            yaw_rate = (speed * (curvature - feedback)).clamp(-tuning.yaw_rate, tuning.yaw_rate);
-        }
-        // Speeds change no faster than the tuning allows; braking may use half as much again.
-        state.speed = speed.max(state.speed - 1.5 * step);
-        let turn_step = tuning.yaw_acceleration * dt;
-        state.yaw_rate = yaw_rate.clamp(state.yaw_rate - turn_step, state.yaw_rate + turn_step);
-        let (ahead, ..) = error_of(input[3], input[4], state.progress);
-        let (_, true_offset, ..) = error_of(input[3], input[4], state.progress + ahead);
-        self.state = state;
-        output.copy_from_slice(&[
-            state.speed,
-            0.0,
-            state.yaw_rate,
-            true_offset,
-            state.progress,
-        ]);
-        Ok(())
-    }
-
-    fn save(&self, bytes: &mut Vec<u8>) {
-        let s = &self.state;
-        save_numbers(&[s.progress, s.speed, s.yaw_rate, s.turning], bytes);
-    }
-
-    fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
-        let mut n = [0.0; 4];
-        let used = restore_numbers(&mut n, bytes)?;
-        self.state = State {
-            progress: n[0],
-            speed: n[1],
-            yaw_rate: n[2],
-            turning: n[3],
-        };
-        Some(used)
     }
 }

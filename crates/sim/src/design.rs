@@ -10,7 +10,7 @@ use appell_model::support::Support;
 use appell_model::wheel::Steering;
 
 use crate::build::{self, DriveModel};
-use crate::scenario::Platform as File;
+use crate::scenario::{self, Platform as File};
 
 /// One line of the report.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +40,55 @@ pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
     (platform.layout().eta == 1 && turn.abs() < 1e-9).then_some(
         "the axles of its fixed wheels have no common center: ideal rolling goes straight; wheels that slip would turn it",
     )
+}
+
+/// Largest curvature at which the base's origin can be driven by what the steered wheels allow, 1/m;
+/// infinite for a robot that can turn on the spot.
+pub fn sharpest_curve(file: &File) -> f64 {
+    let rolls = |velocity: [f64; 2], angle_max: f64| {
+        let angle = atan2(velocity[1], velocity[0]).abs();
+        // Either end of the wheel may lead; at its pivot any angle does.
+        angle.min(std::f64::consts::PI - angle) <= angle_max + 1e-9
+            || hypot(velocity[0], velocity[1]) < 1e-9
+    };
+    let steered: Vec<([f64; 2], f64)> = file
+        .wheel
+        .iter()
+        .filter_map(|wheel| match wheel.steering {
+            scenario::Steering::Steered { angle_max_deg, .. } => {
+                Some((wheel.mount, angle_max_deg.to_radians()))
+            }
+            _ => None,
+        })
+        .collect();
+    // Both ways, as the wheels may stand unlike on both sides.
+    let allowed = |curvature: f64| {
+        steered.iter().all(|([x, y], angle_max)| {
+            [curvature, -curvature]
+                .into_iter()
+                .all(|k| rolls([1.0 - k * y, k * x], *angle_max))
+        })
+    };
+    let on_the_spot = steered
+        .iter()
+        .all(|([x, y], angle_max)| rolls([-y, *x], *angle_max));
+    // From 1 km to 1 mm of radius; then halving between the last that is allowed and the next.
+    let (mut low, mut high) = (0.0, 1e-3);
+    while allowed(high) {
+        if high > 1e3 {
+            return if on_the_spot { f64::INFINITY } else { high };
+        }
+        (low, high) = (high, 1.03 * high);
+    }
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if allowed(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
 }
 
 /// Derives the report for a gravity in m/s².

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::layout::Goal;
+use crate::layout::{Assignment, Goal};
 use crate::plan::Path;
 use crate::run::drive_name;
 use crate::scenario::{Drive, Robot, Scenario, Steering, Terrain, Wheel};
@@ -11,7 +11,7 @@ use crate::scenario::{Drive, Robot, Scenario, Steering, Terrain, Wheel};
 pub(crate) fn drawing(
     scenario: &Scenario,
     paths: &[Option<Path>],
-    goals: &[Option<Goal>],
+    assignments: &[Option<Assignment>],
     integrators: &[String],
 ) -> Value {
     let terrain = match &scenario.terrain {
@@ -37,7 +37,7 @@ pub(crate) fn drawing(
         .robot
         .iter()
         .enumerate()
-        .map(|(k, robot)| draw_robot(robot, paths[k].as_ref(), goals[k].as_ref(), scenario))
+        .map(|(k, robot)| draw_robot(robot, paths[k].as_ref(), assignments[k].as_ref(), scenario))
         .collect();
     json!({
         "title": scenario.title,
@@ -56,7 +56,7 @@ pub(crate) fn drawing(
 fn draw_robot(
     robot: &Robot,
     path: Option<&Path>,
-    goal: Option<&Goal>,
+    assignment: Option<&Assignment>,
     scenario: &Scenario,
 ) -> Value {
     let platform = robot
@@ -64,27 +64,12 @@ fn draw_robot(
         .as_ref()
         .expect("a checked scenario has platforms");
     let wheels: Vec<Value> = platform.wheel.iter().map(draw_wheel).collect();
-    let goal = match goal {
+    let goal = match assignment {
         None => Value::Null,
-        Some(Goal::Homing {
-            beacon, distance, ..
-        }) => json!({"kind": "homing", "beacon": beacon, "distance": distance}),
-        Some(Goal::Gate {
-            pair,
-            direction,
-            exit,
-        }) => json!({"kind": "gate", "pair": pair, "direction": direction, "exit": exit}),
-        Some(Goal::Eight { pair, laps, .. }) => {
-            json!({"kind": "eight", "pair": pair, "laps": laps})
+        Some(Assignment::Route(route)) => {
+            json!({"kind": "route", "tolerance": route.tolerance, "end": route.end})
         }
-        Some(Goal::Slalom {
-            chain, first_side, ..
-        }) => {
-            let sides: Vec<i8> = (0..chain.len())
-                .map(|k| if k % 2 == 0 { *first_side } else { -first_side })
-                .collect();
-            json!({"kind": "slalom", "chain": chain, "sides": sides})
-        }
+        Some(Assignment::Beacons(goal)) => draw_goal(goal),
     };
     // Every fifth point or so draws the same curve.
     let thinned = path.map(|path| {
@@ -112,6 +97,30 @@ fn draw_robot(
         "path": thinned,
         "duration": scenario.time.duration,
     })
+}
+
+fn draw_goal(goal: &Goal) -> Value {
+    match goal {
+        Goal::Homing {
+            beacon, distance, ..
+        } => json!({"kind": "homing", "beacon": beacon, "distance": distance}),
+        Goal::Gate {
+            pair,
+            direction,
+            exit,
+        } => json!({"kind": "gate", "pair": pair, "direction": direction, "exit": exit}),
+        Goal::Eight { pair, laps, .. } => {
+            json!({"kind": "eight", "pair": pair, "laps": laps})
+        }
+        Goal::Slalom {
+            chain, first_side, ..
+        } => {
+            let sides: Vec<i8> = (0..chain.len())
+                .map(|k| if k % 2 == 0 { *first_side } else { -first_side })
+                .collect();
+            json!({"kind": "slalom", "chain": chain, "sides": sides})
+        }
+    }
 }
 
 fn draw_wheel(wheel: &Wheel) -> Value {

@@ -5,7 +5,7 @@
 //! at the first touched beacon, left arena, or mistake that nothing later can mend. The time limit
 //! is the caller's.
 
-use crate::layout::{Beacon, Goal, Layout};
+use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
 use appell_model::math::single::atan2;
 use serde::{Deserialize, Serialize};
 
@@ -208,6 +208,17 @@ enum Task {
         first_side: i8,
         offsets: Vec<f64>,
     },
+    Route {
+        points: Vec<[f64; 2]>,
+        /// Distance of neighboring points, m.
+        ds: f64,
+        tolerance: f64,
+        end: f64,
+        /// Way along the path, m.
+        progress: f64,
+        /// Largest distance from the path so far, and its time.
+        farthest: (f64, f64),
+    },
 }
 
 /// Angle from `a` to `b` seen from `c`, in (−π, π], rad.
@@ -312,6 +323,17 @@ impl Task {
             },
         }
     }
+
+    fn route(goal: &RouteGoal) -> Self {
+        Task::Route {
+            points: goal.path.points.clone(),
+            ds: goal.path.ds,
+            tolerance: goal.tolerance,
+            end: goal.end,
+            progress: 0.0,
+            farthest: (0.0, 0.0),
+        }
+    }
 }
 
 /// Incremental judge of one attempt; its whole state can be cloned, saved and restored.
@@ -339,11 +361,26 @@ impl Judge {
     /// # Panics
     /// If the goal refers to beacons that do not exist; see [`Goal::fault`].
     pub fn new(layout: &Layout, goal: Option<&Goal>) -> Self {
+        Self::watching(layout, Task::new(layout, goal))
+    }
+
+    /// A judge of what a robot has to do.
+    ///
+    /// # Panics
+    /// As [`Judge::new`].
+    pub fn of(layout: &Layout, assignment: &Assignment) -> Self {
+        match assignment {
+            Assignment::Beacons(goal) => Self::new(layout, Some(goal)),
+            Assignment::Route(goal) => Self::watching(layout, Task::route(goal)),
+        }
+    }
+
+    fn watching(layout: &Layout, task: Task) -> Self {
         Self {
             arena: layout.arena,
             beacons: layout.beacons.clone(),
             collision_radius: layout.collision_radius,
-            task: Task::new(layout, goal),
+            task,
             first: None,
             last: None,
             verdict: Verdict::Running,
@@ -430,6 +467,7 @@ impl Judge {
             Task::Gate { .. } => self.advance_gate(previous, now),
             Task::Eight { .. } => self.advance_eight(first, previous, now),
             Task::Slalom { .. } => self.advance_slalom(previous, now),
+            Task::Route { .. } => self.advance_route(previous, now),
         }
     }
 
@@ -610,6 +648,59 @@ impl Judge {
         }
     }
 
+    fn advance_route(&mut self, previous: Sample, now: Sample) {
+        let Task::Route {
+            ref points,
+            ds,
+            tolerance,
+            end,
+            ref mut progress,
+            ref mut farthest,
+        } = self.task
+        else {
+            return;
+        };
+        // The nearest point of the stretch that the robot can have reached: a path that crosses
+        // itself has others.
+        let reach = *progress + 3.0 * (distance(previous.position, now.position) + ds);
+        let last = points.len() - 1;
+        let mut nearest = f64::INFINITY;
+        for k in (*progress / ds) as usize..last {
+            let from = k as f64 * ds;
+            if from > reach {
+                break;
+            }
+            let (p, q) = (points[k], points[k + 1]);
+            let along = difference(q, p);
+            let share = dot(difference(now.position, p), along) / dot(along, along);
+            let share = share.clamp(0.0, 1.0);
+            let away = distance(now.position, between(p, q, share));
+            if away < nearest {
+                nearest = away;
+                *progress = progress.max(from + share * ds);
+            }
+        }
+        let (here, finish) = (*progress, points[last]);
+        let to_end = distance(now.position, finish);
+        let whole = last as f64 * ds;
+        // Beyond the last point the distance is that to it.
+        let nearest = nearest.min(to_end);
+        if nearest > farthest.0 {
+            *farthest = (nearest, now.t);
+        }
+        if nearest > tolerance {
+            let text = format!("left the route by {nearest:.3} m after {here:.3} m of it");
+            return self.fail(now, text);
+        }
+        if whole - here <= end && to_end <= end {
+            let most = farthest.0;
+            let text = format!("end of the route, {to_end:.3} m from its last point");
+            let reason =
+                format!("followed the route of {whole:.3} m, at most {most:.3} m beside it");
+            self.pass(now, text, reason);
+        }
+    }
+
     fn fail(&mut self, at: Sample, text: String) {
         self.verdict = Verdict::Failed;
         self.reason = format!("{text} at t = {:.3} s, at {}", at.t, place(at.position));
@@ -713,6 +804,15 @@ impl Judge {
                 ),
                 None => "all beacons were passed".into(),
             },
+            Task::Route {
+                points,
+                ds,
+                progress,
+                ..
+            } => {
+                let whole = (points.len() - 1) as f64 * ds;
+                format!("had followed {progress:.3} m of the route's {whole:.3} m")
+            }
         }
     }
 
@@ -759,6 +859,13 @@ impl Judge {
             Task::Slalom { offsets, .. } => {
                 metrics.push(("beacons passed", offsets.len() as f64, ""));
                 metrics.extend(offsets.iter().map(|offset| ("offset", *offset, "m")));
+            }
+            Task::Route {
+                progress, farthest, ..
+            } => {
+                metrics.push(("route followed", *progress, "m"));
+                metrics.push(("largest distance from route", farthest.0, "m"));
+                metrics.push(("largest distance from route time", farthest.1, "s"));
             }
         }
         metrics

@@ -5,6 +5,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::plan::Path;
+
 /// A cylindrical beacon standing in the arena.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beacon {
@@ -70,6 +72,26 @@ pub enum Goal {
         /// Largest distance from a beacon at its passage, m.
         offset_max: f64,
     },
+}
+
+/// A path to be followed to its end.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RouteGoal {
+    /// The path.
+    pub path: Path,
+    /// Largest distance from it, m.
+    pub tolerance: f64,
+    /// Distance to its end at which it is done, m.
+    pub end: f64,
+}
+
+/// What a robot has to do: a way among beacons that it finds, or a path that it is given.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Assignment {
+    /// A goal among the beacons.
+    Beacons(Goal),
+    /// A route.
+    Route(RouteGoal),
 }
 
 impl Goal {

@@ -301,11 +301,17 @@ impl<'a> Meter<'a> {
                     beacon.map_or("", |b| b.name.as_str()),
                     judged.get("beacon clearance time").copied().unwrap_or(0.0)
                 ),
-                "wall clearance" => format!(
+                "wall clearance" | "largest distance from route" => format!(
                     "{:.2} s",
-                    judged.get("wall clearance time").copied().unwrap_or(0.0)
+                    judged
+                        .get(format!("{name} time").as_str())
+                        .copied()
+                        .unwrap_or(0.0)
                 ),
-                "beacon clearance index" | "beacon clearance time" | "wall clearance time" => {
+                "beacon clearance index"
+                | "beacon clearance time"
+                | "wall clearance time"
+                | "largest distance from route time" => {
                     continue;
                 }
                 _ => String::new(),

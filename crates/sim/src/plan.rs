@@ -83,7 +83,7 @@ const WINDOWS: [f64; 4] = [0.40, 0.25, 0.15, 0.08];
 /// Length of the moving average if none of the others passes, m.
 const WINDOW_LAST: f64 = 0.03;
 /// Arc length between path points, m.
-const SPACING: f64 = 0.02;
+pub(crate) const SPACING: f64 = 0.02;
 /// Clearance that is enough to stop looking for more, m.
 const COMFORT: f64 = 0.08;
 /// Distance from the start within which clearance is the layout's affair, m.

@@ -8,7 +8,7 @@ use crate::build;
 use crate::controller::{NoiseSource, PathFollower, Signals, Waveform, WheelNoise, read_table};
 use crate::drawing::drawing;
 use crate::judge::{Judge, Verdict};
-use crate::layout::Goal;
+use crate::layout::Assignment;
 use crate::meter::Meter;
 use crate::noise::Stream;
 use crate::plan::{self, Path};
@@ -16,7 +16,7 @@ use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::record::{Header, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Signal,
-    Statistics,
+    Statistics, Task,
 };
 use crate::servo::Servo;
 use crate::world::{RobotBlocks, SimError, World};
@@ -132,8 +132,6 @@ pub struct Run {
     pub header: Header,
     /// Planned path of each robot that follows one.
     pub paths: Vec<Option<Path>>,
-    /// Goal of each robot.
-    pub goals: Vec<Option<Goal>>,
     scenario: Scenario,
     integrators: Vec<String>,
 }
@@ -164,7 +162,7 @@ impl Run {
         let ground = build::ground(&scenario.terrain);
         let key = (scenario.seed, trial);
         let mut robots = Vec::new();
-        let (mut paths, mut goals, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
         for robot in &scenario.robot {
             let file = robot
                 .platform
@@ -200,7 +198,15 @@ impl Run {
             })?;
             integrators.push(plant.integrator());
             let layout = build::layout(scenario, robot);
-            let goal = robot.task.as_ref().map(|task| build::goal(scenario, task));
+            let assignment = robot
+                .task
+                .as_ref()
+                .map(|task| build::assignment(scenario, robot, task, &loaded.folder))
+                .transpose()
+                .map_err(|fault| {
+                    let path = format!("robot.{}.task.path.{}", robot.name, fault.field);
+                    refuse(loaded, path, fault.problem, fault.hint)
+                })?;
             let sensors = robot
                 .sensor
                 .iter()
@@ -217,7 +223,20 @@ impl Run {
                 })
                 .collect();
             let mut controllers: Vec<(Box<dyn Block>, u64)> = Vec::new();
-            let mut path = None;
+            let path = match &assignment {
+                None => None,
+                Some(Assignment::Route(route)) => Some(route.path.clone()),
+                // Only a follower needs a way among the beacons.
+                Some(Assignment::Beacons(goal)) => {
+                    let follows = robot.controller.as_ref().and_then(Controller::follower);
+                    let planned = follows.map(|_| plan::plan(&layout, goal)).transpose();
+                    planned.map_err(|error| {
+                        let path = format!("robot.{}.task", robot.name);
+                        let problem = format!("cannot be solved: {}", error.reason);
+                        refuse(loaded, path, problem, error.hint)
+                    })?
+                }
+            };
             let mut judge_period: f64 = 0.01;
             let command = |wheel: &Wheel<f64>| command_port(robot, wheel);
             let noise = |period: f64| -> Result<_, Diagnostics> {
@@ -229,20 +248,13 @@ impl Run {
                     Controller::Homing(tuning)
                     | Controller::Gate(tuning)
                     | Controller::Eight(tuning)
-                    | Controller::Slalom(tuning),
+                    | Controller::Slalom(tuning)
+                    | Controller::Route(tuning),
                 ) => {
-                    let goal = goal.as_ref().expect("a checked follower has a task");
-                    let planned = plan::plan(&layout, goal).map_err(|error| {
-                        let path = format!("robot.{}.task", robot.name);
-                        refuse(
-                            loaded,
-                            path,
-                            format!("cannot be solved: {}", error.reason),
-                            error.hint,
-                        )
-                    })?;
-                    let follower = PathFollower::new(&robot.name, planned.clone(), tuning);
-                    path = Some(planned);
+                    let followed = path.clone().expect("a checked follower has a task");
+                    let turns = crate::design::sharpest_curve(file).is_infinite();
+                    let follower =
+                        PathFollower::new(&robot.name, followed, tuning, robot.pose[2], turns);
                     controllers.push((Box::new(follower), ticks(tuning.period)));
                     let period = robot.servo.period.unwrap_or(tuning.period);
                     let servo = Servo::new(robot, &platform, period, &command);
@@ -290,13 +302,16 @@ impl Run {
                 sensors,
                 controllers,
                 plant: Box::new(plant),
-                judge: Judge::new(&layout, goal.as_ref()),
+                judge: match &assignment {
+                    None => Judge::new(&layout, None),
+                    Some(assignment) => Judge::of(&layout, assignment),
+                },
                 layout,
-                has_task: goal.is_some(),
+                has_task: assignment.is_some(),
                 judge_period: ticks(judge_period),
             });
             paths.push(path);
-            goals.push(goal);
+            assignments.push(assignment);
         }
         let end = ticks(scenario.time.duration);
         let world = World::wire(step, end, ticks(scenario.record.period), robots);
@@ -312,13 +327,12 @@ impl Run {
             step,
             period: scenario.record.period,
             signals: world.signals().to_vec(),
-            extra: drawing(scenario, &paths, &goals, &integrators),
+            extra: drawing(scenario, &paths, &assignments, &integrators),
         };
         Ok(Run {
             world,
             header,
             paths,
-            goals,
             scenario: scenario.clone(),
             integrators,
         })
@@ -392,7 +406,7 @@ impl Run {
                     name: robot.name.clone(),
                     verdict,
                     reason,
-                    task: task_name(self.goals[k].as_ref()).into(),
+                    task: robot.task.as_ref().map_or("none", Task::kind).into(),
                     level: robot.level,
                     drive: drive_name(robot).into(),
                     integrator: integrator.clone(),
@@ -553,16 +567,6 @@ fn wheel_noise(
         wheels.push(([port("wanted"), port(field), port("noise")], source));
     }
     Ok(Box::new(WheelNoise::new(wheels)))
-}
-
-fn task_name(goal: Option<&Goal>) -> &'static str {
-    match goal {
-        None => "none",
-        Some(Goal::Homing { .. }) => "homing",
-        Some(Goal::Gate { .. }) => "gate",
-        Some(Goal::Eight { .. }) => "eight",
-        Some(Goal::Slalom { .. }) => "slalom",
-    }
 }
 
 /// What drives a robot: `rate`, `torque`, `dc-motor` or `none`.

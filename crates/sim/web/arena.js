@@ -243,6 +243,13 @@ export function drawGoal(view, run, robot, taken) {
     const b = beacons[goal.beacon];
     return b ? `<circle cx="${px(view.x(b.position[0]))}" cy="${px(view.y(b.position[1]))}" r="${px(goal.distance * view.scale)}" class="goal"/>` : '';
   }
+  if (goal.kind === 'route') {
+    // The corridor that the robot must keep, and the circle at its end.
+    if (!robot.path || robot.path.length < 2) return '';
+    const line = pathText(simplify(robot.path.map(p => [view.x(p[0]), view.y(p[1])]), 0.15));
+    const [x, y] = robot.path[robot.path.length - 1];
+    return `<path d="${line}" class="corridor" stroke-width="${px(2 * goal.tolerance * view.scale)}"/><circle cx="${px(view.x(x))}" cy="${px(view.y(y))}" r="${px(Math.max(3, goal.end * view.scale))}" class="goal"/>`;
+  }
   if (goal.kind === 'slalom') {
     return goal.chain.map((index, i) => {
       const b = beacons[index];
@@ -741,9 +748,11 @@ function legendItems(run, options) {
     });
   }
   if (run.robots.length > 1) run.robots.forEach((robot, i) => items.push({ width: 26, words: robot.name, svg: `<path d="M0 8H26" class="trail s-${robotColor(run, i)}"/>` }));
-  if (some(r => r.path && r.path.length > 1)) items.push({ width: 26, words: 'planned path', svg: '<path d="M0 8H26" class="ref"/>' });
+  if (some(r => r.path && r.path.length > 1)) items.push({ width: 26, words: some(r => r.goal && r.goal.kind === 'route') ? 'path to follow' : 'planned path', svg: '<path d="M0 8H26" class="ref"/>' });
   if (some(r => r.goal && r.goal.kind === 'slalom')) items.push({ width: 26, words: 'to be crossed here, this way', svg: '<path d="M13-1V17" class="chord"/><path d="M10 2L16 8L10 14" class="chevron"/>' });
   if (some(r => r.goal && r.goal.kind === 'gate')) items.push({ width: 26, words: 'gate', svg: '<path d="M0 8H26" class="none gate"/>' });
+  const corridors = new Set(run.robots.map(r => r.goal && r.goal.kind === 'route' ? r.goal.tolerance : 0));
+  for (const tolerance of corridors) if (tolerance > 0) items.push({ width: 26, words: `within ${plain(tolerance)} m of it`, svg: '<path d="M0 8H26" class="corridor" stroke-width="12"/>' });
   for (const robot of run.robots) if (robot.goal && robot.goal.kind === 'homing') items.push({ width: 18, words: `goal, within ${plain(robot.goal.distance)} m`, svg: '<circle cx="9" cy="8" r="8" class="goal"/>' });
   if (run.arena.beacons.length > 0) {
     const radii = run.arena.beacons.map(b => b.radius);
@@ -820,7 +829,8 @@ export function drawArena(run, options = {}) {
 
   const ground = drawGround(view, run, { numbers: true });
   const terrain = drawTerrain(view, run, id);
-  const goals = run.robots.map(robot => drawGoal(view, run, robot, taken)).join('');
+  // Robots with one goal in common draw it once.
+  const goals = [...new Set(run.robots.map(robot => drawGoal(view, run, robot, taken)))].join('');
   const beacons = drawBeacons(view, run, taken);
   const events = drawEvents(view, run, taken);
   const starts = run.robots.map((robot, i) => {
@@ -889,7 +899,7 @@ export function drawCloseUp(run, index, options) {
   const fastest = speedLimit(run);
   const within = (/** @type {Point} */ p) => p[0] > bounds.low[0] && p[0] < bounds.high[0] && p[1] > bounds.low[1] && p[1] < bounds.high[1];
   const paths = run.robots.map(r => r.path ? `<path d="${pathText(simplify(r.path.map(p => within(p) ? [view.x(p[0]), view.y(p[1])] : [NaN, NaN]), 0.2))}" class="ref"/>` : '').join('');
-  const goals = run.robots.map(r => drawGoal(view, run, r)).join('');
+  const goals = [...new Set(run.robots.map(r => drawGoal(view, run, r)))].join('');
   const trails = run.robots.map((_, i) => `<g data-robot="${i}">${drawTrail(view, run, i, fastest, bounds)}</g>`).join('');
   const bar = niceStep(90 / scale, 1);
   const words = forceWords(run, robot, state).slice(0, 8);

@@ -18,7 +18,8 @@
  * @typedef {{ kind: 'homing', beacon: number, distance: number }
  *   | { kind: 'gate', pair: [number, number], direction: number, exit: number }
  *   | { kind: 'eight', pair: [number, number], laps: number }
- *   | { kind: 'slalom', chain: number[], sides: number[] }} Goal
+ *   | { kind: 'slalom', chain: number[], sides: number[] }
+ *   | { kind: 'route', tolerance: number, end: number }} Goal
  */
 /**
  * @typedef {object} Robot

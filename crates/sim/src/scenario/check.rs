@@ -382,7 +382,7 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
     }
     c.positive(path("servo.integral_time"), robot.servo.integral_time);
     if let Some(task) = &robot.task {
-        check_task(c, task, &path("task"), &scenario.arena);
+        check_task(c, task, robot, &scenario.arena, folder);
     }
 }
 

@@ -7,6 +7,7 @@ mod check;
 mod diagnostic;
 mod read;
 mod robot;
+mod task;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,6 +16,7 @@ pub use check::check;
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Loaded, Overrides, load, load_robot, load_text};
 pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, Wheel};
+pub use task::{Direction, Piece, Route, Side, Task};
 
 /// Version of the scenario format that this program reads.
 pub const SCHEMA: u32 = 1;
@@ -363,6 +365,8 @@ pub enum Controller {
     Eight(Follower),
     /// Passes a chain of beacons on alternating sides.
     Slalom(Follower),
+    /// Follows the path of a route.
+    Route(Follower),
     /// Open loop: a signal of time for each channel.
     Signals {
         /// Period, s.
@@ -373,7 +377,33 @@ pub enum Controller {
     },
 }
 
-/// A follower of the path that is planned for the robot's task.
+impl Controller {
+    /// Its kind, as the file names it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Controller::Homing(_) => "homing",
+            Controller::Gate(_) => "gate",
+            Controller::Eight(_) => "eight",
+            Controller::Slalom(_) => "slalom",
+            Controller::Route(_) => "route",
+            Controller::Signals { .. } => "signals",
+        }
+    }
+
+    /// What it follows its path with, if it follows one.
+    pub fn follower(&self) -> Option<&Follower> {
+        match self {
+            Controller::Homing(follower)
+            | Controller::Gate(follower)
+            | Controller::Eight(follower)
+            | Controller::Slalom(follower)
+            | Controller::Route(follower) => Some(follower),
+            Controller::Signals { .. } => None,
+        }
+    }
+}
+
+/// A follower of the path of the robot's task: planned among the beacons, or given as a route.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Follower {
@@ -398,9 +428,47 @@ pub struct Follower {
     /// Largest change of the yaw rate, rad/s².
     #[serde(default = "defaults::yaw_acceleration")]
     pub yaw_acceleration: f64,
-    /// Distance over which an offset from the path is driven out, m.
+    /// Distance over which an offset from the path is driven out, m: what each law's gains are made
+    /// of.
     #[serde(default = "defaults::lookahead")]
     pub lookahead: f64,
+    /// The law by which it keeps to the path.
+    #[serde(default)]
+    pub law: Law,
+    /// Whether it steers by turning, or moves sideways as omnidirectional robots can.
+    #[serde(default)]
+    pub heading: Heading,
+}
+
+/// Laws of path following.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Law {
+    /// Curvature of the path, corrected by offset and heading error (Samson 1995).
+    #[default]
+    Samson,
+    /// The arc through a point of the path one lookahead on (Coulter 1992).
+    PurePursuit,
+    /// Steers as a front wheel one lookahead before the robot's origin would (Hoffmann et al. 2007).
+    Stanley,
+    /// Tracks a reference that moves along the path in time (Kanayama et al. 1990).
+    Kanayama,
+    /// The gains that minimize offset, heading error and correction about the path's curvature
+    /// (linear-quadratic regulator).
+    Lqr,
+}
+
+/// How a follower uses the heading.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Heading {
+    /// Drives where it points, and steers by turning.
+    #[default]
+    Steer,
+    /// Moves sideways back to the path, while it points along it.
+    Along,
+    /// Moves along the path without turning: keeps the heading of its start.
+    Hold,
 }
 
 /// Where a controller takes its pose from.
@@ -556,84 +624,6 @@ impl Default for Servo {
     }
 }
 
-/// What a robot has to do.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Task {
-    /// Come to rest near a beacon.
-    Homing {
-        /// Name of the beacon.
-        beacon: String,
-        /// Largest distance between the base's origin and the beacon's center, m.
-        distance: f64,
-        /// Speed below which it counts as stopped, m/s.
-        #[serde(default = "defaults::stop_speed")]
-        speed: f64,
-        /// Time for which it must stay, s.
-        #[serde(default = "defaults::one")]
-        hold: f64,
-    },
-    /// Drive between two beacons, once.
-    Gate {
-        /// Names of the beacons b₁, b₂.
-        beacons: [String; 2],
-        /// Which way through.
-        #[serde(default)]
-        direction: Direction,
-        /// Distance to drive clear of the gate, m.
-        #[serde(default = "defaults::exit")]
-        exit: f64,
-    },
-    /// Drive figure eights round two beacons, back to the start.
-    Eight {
-        /// Names of the beacons.
-        beacons: [String; 2],
-        /// Number of eights.
-        #[serde(default = "defaults::laps")]
-        laps: u32,
-        /// Largest gap between end and start, m.
-        #[serde(default = "defaults::close")]
-        close: f64,
-    },
-    /// Pass a chain of beacons on alternating sides.
-    Slalom {
-        /// Names of the beacons, in order.
-        chain: Vec<String>,
-        /// Side on which the robot passes the first: it drives with the beacon on its other hand.
-        #[serde(default)]
-        first_side: Side,
-        /// Largest distance at which a beacon counts as passed, m.
-        #[serde(default = "defaults::offset_max")]
-        offset_max: f64,
-    },
-}
-
-/// Which way through a gate b₁, b₂.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Direction {
-    /// Either way.
-    #[default]
-    Any,
-    /// With b₁ on the left hand.
-    FirstLeft,
-    /// With b₁ on the right hand.
-    FirstRight,
-}
-
-/// The side of a beacon on which a robot passes, seen along the chain.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Side {
-    /// The first passage decides.
-    #[default]
-    Any,
-    /// The robot passes on the left of the beacon.
-    Left,
-    /// The robot passes on the right of the beacon.
-    Right,
-}
-
 /// What is written.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -738,6 +728,18 @@ mod defaults {
     }
     pub fn offset_max() -> f64 {
         1.2
+    }
+    pub fn route_tolerance() -> f64 {
+        0.1
+    }
+    pub fn route_end() -> f64 {
+        0.05
+    }
+    pub fn x() -> String {
+        "x".into()
+    }
+    pub fn y() -> String {
+        "y".into()
     }
 }
 

@@ -18,22 +18,19 @@ pub(super) fn check_controller(
     let Some(controller) = &robot.controller else {
         return;
     };
-    let (kind, follower) = match controller {
-        Controller::Homing(follower) => ("homing", follower),
-        Controller::Gate(follower) => ("gate", follower),
-        Controller::Eight(follower) => ("eight", follower),
-        Controller::Slalom(follower) => ("slalom", follower),
-        Controller::Signals { period, channel } => {
-            c.period(path("period"), *period, scenario.time.step);
-            let names = channel.iter().map(|ch| ch.to.as_str());
-            c.unique(&path("channel"), "to", names);
-            for channel in channel {
-                check_channel(c, channel, &base, robot, driven, folder);
-            }
-            return;
+    if let Controller::Signals { period, channel } = controller {
+        c.period(path("period"), *period, scenario.time.step);
+        let names = channel.iter().map(|ch| ch.to.as_str());
+        c.unique(&path("channel"), "to", names);
+        for channel in channel {
+            check_channel(c, channel, &base, robot, driven, folder);
         }
+    }
+    let Some(follower) = controller.follower() else {
+        return;
     };
-    let task = robot.task.as_ref().map(task_kind);
+    let kind = controller.kind();
+    let task = robot.task.as_ref().map(Task::kind);
     if task != Some(kind) {
         c.refuse(
             path("kind"),
@@ -67,6 +64,25 @@ pub(super) fn check_controller(
         ("lookahead", follower.lookahead),
     ] {
         c.positive(path(field), value);
+    }
+    if let Some(platform) = &robot.platform
+        && let Ok(built) = crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81)
+    {
+        let (mobility, _) = built.degrees();
+        if follower.heading != Heading::Steer && mobility < 3 {
+            c.refuse(
+                path("heading"),
+                format!("must be \"steer\" for a robot that cannot move sideways: its degree of mobility is {mobility}, not 3"),
+                "give all its wheels rollers, or let them swivel",
+            );
+        }
+        if kind != "route" && crate::design::sharpest_curve(platform).is_finite() {
+            c.refuse(
+                path("kind"),
+                format!("must be \"route\" for a robot that cannot turn on the spot, got \"{kind}\""),
+                "the planner among beacons lets robots turn on the spot; give such a robot a task of kind \"route\"",
+            );
+        }
     }
     let needed = match follower.pose {
         PoseSource::Truth => None,
@@ -205,16 +221,14 @@ fn check_channel(
     }
 }
 
-fn task_kind(task: &Task) -> &'static str {
-    match task {
-        Task::Homing { .. } => "homing",
-        Task::Gate { .. } => "gate",
-        Task::Eight { .. } => "eight",
-        Task::Slalom { .. } => "slalom",
-    }
-}
-
-pub(super) fn check_task(c: &mut Checker, task: &Task, base: &str, arena: &Arena) {
+pub(super) fn check_task(
+    c: &mut Checker,
+    task: &Task,
+    robot: &Robot,
+    arena: &Arena,
+    folder: &Path,
+) {
+    let base = format!("robot.{}.task", robot.name);
     let path = |field: &str| format!("{base}.{field}");
     let names: Vec<&str> = arena.beacon.iter().map(|b| b.name.as_str()).collect();
     let known = |c: &mut Checker, field: &str, name: &str| {
@@ -279,6 +293,110 @@ pub(super) fn check_task(c: &mut Checker, task: &Task, base: &str, arena: &Arena
             chain.iter().for_each(|b| known(c, "chain", b));
             c.positive(path("offset_max"), *offset_max);
         }
+        Task::Route {
+            path: route,
+            tolerance,
+            end,
+            laps,
+        } => {
+            c.positive(path("tolerance"), *tolerance);
+            c.positive(path("end"), *end);
+            c.require(
+                (1..=1000).contains(laps),
+                path("laps"),
+                "in [1, 1000]",
+                laps,
+            );
+            match crate::route::path(route, *laps, robot.pose, folder) {
+                Err(fault) if fault.field == "laps" => {
+                    c.refuse(path("laps"), fault.problem, &fault.hint);
+                }
+                Err(fault) => {
+                    let field = path(&format!("path.{}", fault.field));
+                    c.refuse(field.trim_end_matches('.'), fault.problem, &fault.hint);
+                }
+                Ok(way) => check_route(c, &way, *tolerance, &path("path"), robot, arena),
+            }
+        }
+    }
+}
+
+/// Whether a robot can follow a path without leaving the arena, touching a beacon or turning more
+/// sharply than its wheels steer.
+fn check_route(
+    c: &mut Checker,
+    way: &crate::plan::Path,
+    tolerance: f64,
+    base: &str,
+    robot: &Robot,
+    arena: &Arena,
+) {
+    let Some(platform) = &robot.platform else {
+        return;
+    };
+    let apart = |a: [f64; 2], b: [f64; 2]| appell_model::math::hypot(a[0] - b[0], a[1] - b[1]);
+    let at = |k: usize| {
+        let [x, y] = way.points[k];
+        format!("({x:.2}, {y:.2}), {:.2} m along it", k as f64 * way.ds)
+    };
+    let gap = apart(way.points[0], [robot.pose[0], robot.pose[1]]);
+    if gap > tolerance {
+        c.refuse(
+            base,
+            format!(
+                "must begin within tolerance = {} m of the robot's start, got {gap:.3} m from it",
+                number(tolerance)
+            ),
+            "move robot.pose to the start of the path",
+        );
+    }
+    let radius = platform.collision_radius;
+    let inside = |p: &[f64; 2]| (0..2).all(|k| p[k] >= radius && p[k] <= arena.size[k] - radius);
+    if let Some(k) = way.points.iter().position(|p| !inside(p)) {
+        c.refuse(
+            base,
+            format!(
+                "must keep the robot's disc of {radius} m inside the arena [0, {}] x [0, {}], got a path that leaves it at {}",
+                arena.size[0], arena.size[1], at(k)
+            ),
+            "move the path or enlarge arena.size",
+        );
+    }
+    for beacon in &arena.beacon {
+        let room = radius + beacon.radius;
+        let gap = |k: &usize| apart(way.points[*k], beacon.position);
+        let nearest = (0..way.points.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
+        if let Some(k) = nearest.filter(|k| gap(k) < room) {
+            c.refuse(
+                base,
+                format!(
+                    "must keep {room:.3} m from the center of beacon \"{}\", got {:.3} m at {}",
+                    beacon.name,
+                    gap(&k),
+                    at(k)
+                ),
+                "move the path or the beacon",
+            );
+        }
+    }
+    let follower = robot.controller.as_ref().and_then(Controller::follower);
+    let sharpest = crate::design::sharpest_curve(platform);
+    if let Some(k) = way
+        .curvature
+        .iter()
+        .position(|k| k.abs() > sharpest * (1.0 + 1e-6))
+        && follower.is_some_and(|follower| follower.heading == Heading::Steer)
+    {
+        c.refuse(
+            base,
+            format!(
+                "must have no curve tighter than {:.3} m, the least radius that the steering of this robot allows, got {:.3} m at {}",
+                1.0 / sharpest,
+                1.0 / way.curvature[k].abs(),
+                at(k)
+            ),
+            "widen the curve, or the steering's angle_max_deg",
+        );
     }
 }
 

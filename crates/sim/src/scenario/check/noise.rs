@@ -79,12 +79,7 @@ pub(super) fn check_wheel_noise(c: &mut Checker, robot: &Robot, folder: &Path) {
     }
     let own = match &robot.controller {
         Some(Controller::Signals { period, .. }) => *period,
-        Some(
-            Controller::Homing(follower)
-            | Controller::Gate(follower)
-            | Controller::Eight(follower)
-            | Controller::Slalom(follower),
-        ) => follower.period,
+        Some(follows) => follows.follower().map_or(0.0, |follower| follower.period),
         None => 0.0,
     };
     let period = robot.servo.period.unwrap_or(own);
