@@ -54,4 +54,5 @@ pub mod rolling;
 pub mod scalar;
 pub mod solve;
 pub mod support;
+pub mod trailer;
 pub mod wheel;

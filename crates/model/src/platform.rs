@@ -746,6 +746,7 @@ fn map_wheel<T: Scalar, U: Scalar>(
         dry_friction: at("dry_friction", wheel.dry_friction),
         friction_rounding: at("friction_rounding", wheel.friction_rounding),
         brake: at("brake", wheel.brake),
+        stiffness: at("stiffness", wheel.stiffness),
         drive: match wheel.drive {
             Drive::None => Drive::None,
             Drive::Rate { rate_max } => Drive::Rate {

@@ -91,7 +91,7 @@ impl<T: Scalar> Rolling<T> {
         let contacts: Vec<_> = platform
             .wheels()
             .iter()
-            .map(|wheel| (wheel.mount, T::one()))
+            .map(|wheel| (wheel.mount, wheel.stiffness))
             .collect();
         let support = Support::new(&contacts);
         let shape = constant
@@ -489,7 +489,14 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         let (loads, margin) = self.carry(x, &longitudinal, &lateral);
         y[6] = margin;
         for i in 0..layout.wheels {
-            y[layout.wheel_output(i, WheelOutput::Load)] = loads[i];
+            let wheel = &self.platform.wheels()[i];
+            // The axle of a trailer carries its own share, whatever the body does.
+            let load = if wheel.is_towed() {
+                wheel.mass * self.ground.gravity_normal
+            } else {
+                loads[i]
+            };
+            y[layout.wheel_output(i, WheelOutput::Load)] = load;
         }
         debug_assert_eq!(y.len(), BODY_OUTPUTS + WHEEL_OUTPUTS * layout.wheels);
     }
@@ -580,9 +587,9 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
             held = held.or(sticks);
             caught = caught.or(sticks.and(rested.not()));
         }
-        if steered && caught.any() {
-            // A wheel that the turning of others carries through rest is not held by its friction,
-            // and must not stop the robot.
+        if self.constant.is_none() && caught.any() {
+            // A wheel that turning wheel planes carry through rest is not held by its friction, and
+            // must not stop the robot.
             self.release(x, u, mode, reduced);
         }
         if !steered && !held.any() {

@@ -23,8 +23,8 @@ pub struct Support<T> {
 }
 
 impl<T: Scalar> Support<T> {
-    /// Contacts by place, m, and relative stiffness; `None` for fewer than three, for more than
-    /// [`MAX_WHEELS`], and for contacts on one line, which carry no plane.
+    /// Contacts by place, m, and relative stiffness, of which 0 carries nothing; `None` for fewer than
+    /// three, for more than [`MAX_WHEELS`], and for contacts on one line, which carry no plane.
     pub fn new(contacts: &[(Vec2<T>, T)]) -> Option<Self> {
         if contacts.len() < 3 || contacts.len() > MAX_WHEELS {
             return None;
@@ -39,7 +39,8 @@ impl<T: Scalar> Support<T> {
             }
         }
         let points: Vec<Vec2<T>> = contacts.iter().map(|(point, _)| *point).collect();
-        let corners = hull(&points);
+        let carries = |k: &usize| contacts[*k].1.lane(0) > 0.0;
+        let corners = hull(&points, (0..points.len()).filter(carries).collect());
         let nominal = |k: usize| [points[k].x.lane(0), points[k].y.lane(0)];
         let (mut area, mut size) = (0.0, 0.0_f64);
         for (k, &corner) in corners.iter().enumerate() {
@@ -115,10 +116,10 @@ impl<T: Scalar> Support<T> {
     }
 }
 
-/// Corners of the convex hull, counter-clockwise, on nominal values (monotone chains).
-fn hull<T: Scalar>(points: &[Vec2<T>]) -> Vec<usize> {
+/// Corners of the convex hull of those points that `order` names, counter-clockwise, on nominal
+/// values (monotone chains).
+fn hull<T: Scalar>(points: &[Vec2<T>], mut order: Vec<usize>) -> Vec<usize> {
     let at = |k: usize| (points[k].x.lane(0), points[k].y.lane(0));
-    let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&a, &b| {
         let ((ax, ay), (bx, by)) = (at(a), at(b));
         ax.total_cmp(&bx).then(ay.total_cmp(&by))

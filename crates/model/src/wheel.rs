@@ -81,6 +81,9 @@ pub struct Wheel<T> {
     pub friction_rounding: T,
     /// What the brake adds to the bound at full command, N·m.
     pub brake: T,
+    /// Stiffness of its contact relative to the others', by which they share the normal load; 0 for
+    /// a contact that carries no part of the body (the axle of a trailer).
+    pub stiffness: T,
     /// What drives the axle.
     pub drive: Drive<T>,
 }
@@ -129,6 +132,11 @@ impl<T: Scalar> Wheel<T> {
     /// Whether the rim resists along the axle, too.
     pub fn is_plain(&self) -> bool {
         matches!(self.rim, Rim::Plain)
+    }
+
+    /// Whether its contact carries no part of the body: the axle of a trailer.
+    pub fn is_towed(&self) -> bool {
+        self.stiffness.lane(0) == 0.0
     }
 
     /// Whether the wheel plane turns, so that the wheel has a steering angle as a state.

@@ -6,6 +6,7 @@ use appell_model::ground::Ground;
 use appell_model::planar::vec2;
 use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
+use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
 
 use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
@@ -56,17 +57,23 @@ pub fn platform(
     drives: DriveModel,
     gravity_normal: f64,
 ) -> Result<Platform<f64>, PlatformError> {
-    let body = Body {
+    let mut body = Body {
         mass: file.body.mass,
         inertia_com: file.body.inertia_com,
         center_of_mass: vec2(file.body.center_of_mass[0], file.body.center_of_mass[1]),
         com_height: file.body.center_of_mass[2],
     };
     let mut wheels: Vec<Wheel<f64>> = file.wheel.iter().map(|w| wheel(w, file, drives)).collect();
+    let mut losses: Vec<&scenario::Friction> = file.wheel.iter().map(|w| &w.friction).collect();
+    if let Some(file) = &file.trailer {
+        trailer(file).attach(&mut body, &mut wheels);
+        // Of both wheels.
+        wheels[losses.len()].dry_friction = 2.0 * file.friction.dry;
+        losses.push(&file.friction);
+    }
     let bare = Platform::new(body, wheels.clone())?;
     for (i, load) in static_loads(&bare, gravity_normal).into_iter().enumerate() {
-        wheels[i].dry_friction +=
-            file.wheel[i].friction.rolling * load.max(0.0) * file.wheel[i].radius;
+        wheels[i].dry_friction += losses[i].rolling * load.max(0.0) * wheels[i].radius;
     }
     Platform::new(body, wheels)
 }
@@ -116,7 +123,8 @@ pub fn start_angles(file: &scenario::Platform) -> Vec<f64> {
         | scenario::Steering::Steered { angle_deg, .. } => Some(angle_deg.to_radians()),
         scenario::Steering::Linked { .. } | scenario::Steering::Guided { .. } => Some(0.0),
     };
-    file.wheel.iter().filter_map(angle).collect()
+    let trailer = file.trailer.iter().map(|t| t.angle_deg.to_radians());
+    file.wheel.iter().filter_map(angle).chain(trailer).collect()
 }
 
 fn wheel(file: &scenario::Wheel, platform: &scenario::Platform, drives: DriveModel) -> Wheel<f64> {
@@ -155,8 +163,27 @@ fn wheel(file: &scenario::Wheel, platform: &scenario::Platform, drives: DriveMod
         pivot_viscous: file.friction.pivot_viscous,
         dry_friction: file.friction.dry,
         friction_rounding: 0.0,
+        stiffness: 1.0,
         brake: file.brake_torque,
         drive,
+    }
+}
+
+fn trailer(file: &scenario::Trailer) -> Trailer<f64> {
+    Trailer {
+        name: scenario::TRAILER.to_owned(),
+        hitch: vec2(file.hitch[0], file.hitch[1]),
+        hitch_height: file.hitch_height,
+        length: file.length,
+        half_track: 0.5 * file.track,
+        mass: file.mass,
+        ahead: file.ahead,
+        inertia_com: file.inertia_com,
+        radius: file.radius,
+        wheel_mass: file.wheel_mass,
+        spin_inertia: file.spin_inertia,
+        viscous: file.friction.viscous,
+        hitch_viscous: file.friction.pivot_viscous,
     }
 }
 

@@ -130,12 +130,44 @@ pub fn design(file: &File, gravity: f64) -> Design {
         &format!("{} redundant", lateral - layout.fixed_rank),
     );
     let mass = platform.total_mass();
-    add("mass", format!("{mass:.4} kg"), "with wheels");
-    let center = center_of_mass(file, mass);
+    let towed: f64 = file
+        .trailer
+        .iter()
+        .map(|t| t.mass + 2.0 * t.wheel_mass)
+        .sum();
+    add(
+        "mass",
+        format!("{mass:.4} kg"),
+        if file.trailer.is_some() {
+            "with wheels and trailer"
+        } else {
+            "with wheels"
+        },
+    );
+    if let Some(trailer) = &file.trailer {
+        add(
+            "mass of the trailer",
+            format!("{towed:.4} kg"),
+            "with wheels",
+        );
+        add(
+            "static load on the hitch",
+            format!(
+                "{:.2} N",
+                trailer.mass * trailer.ahead / trailer.length * gravity
+            ),
+            "level ground",
+        );
+    }
+    let center = center_of_mass(file, mass - towed);
     add(
         "center of mass",
         format!("({:.4}, {:.4}, {:.4}) m", center[0], center[1], center[2]),
-        "whole robot; x forward, y left, z up",
+        if file.trailer.is_some() {
+            "without the trailer; x forward, y left, z up"
+        } else {
+            "whole robot; x forward, y left, z up"
+        },
     );
     for (wheel, load) in wheels.iter().zip(build::static_loads(&platform, gravity)) {
         add(
@@ -264,7 +296,10 @@ pub fn design(file: &File, gravity: f64) -> Design {
             "without power: dry friction and brakes, wheels do not slip",
         );
     }
-    let contacts: Vec<_> = wheels.iter().map(|wheel| (wheel.mount, 1.0)).collect();
+    let contacts: Vec<_> = wheels
+        .iter()
+        .map(|wheel| (wheel.mount, wheel.stiffness))
+        .collect();
     let hull: Vec<[f64; 2]> = Support::new(&contacts).map_or(Vec::new(), |support| {
         let corners = support.polygon();
         corners.iter().map(|corner| [corner.x, corner.y]).collect()

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::layout::{Assignment, Goal};
 use crate::plan::Path;
 use crate::run::drive_name;
-use crate::scenario::{Drive, Robot, Scenario, Steering, Terrain, Wheel};
+use crate::scenario::{Drive, Robot, Scenario, Steering, TRAILER, Terrain, Trailer, Wheel};
 
 /// What reports draw, beside the signals: arena, robots, goals and paths.
 pub(crate) fn drawing(
@@ -63,7 +63,8 @@ fn draw_robot(
         .platform
         .as_ref()
         .expect("a checked scenario has platforms");
-    let wheels: Vec<Value> = platform.wheel.iter().map(draw_wheel).collect();
+    let mut wheels: Vec<Value> = platform.wheel.iter().map(draw_wheel).collect();
+    wheels.extend(platform.trailer.iter().map(draw_trailer));
     let goal = match assignment {
         None => Value::Null,
         Some(Assignment::Route(route)) => {
@@ -121,6 +122,22 @@ fn draw_goal(goal: &Goal) -> Value {
             json!({"kind": "slalom", "chain": chain, "sides": sides})
         }
     }
+}
+
+fn draw_trailer(trailer: &Trailer) -> Value {
+    json!({
+        "name": TRAILER,
+        "kind": "trailer",
+        "mount": trailer.hitch,
+        "angle": 0.0,
+        "radius": trailer.radius,
+        "width": trailer.width,
+        "trail": trailer.length,
+        "track": trailer.track,
+        "footprint": trailer.footprint,
+        "roller_angle": 0.0,
+        "driven": false,
+    })
 }
 
 fn draw_wheel(wheel: &Wheel) -> Value {

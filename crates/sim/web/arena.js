@@ -549,7 +549,7 @@ export function outlineOf(robot) {
  * @returns {'left' | 'right' | 'other'}
  */
 export function sideOf(wheel) {
-  if (wheel.kind === 'caster' || Math.abs(wheel.mount[1]) < 1e-6) return 'other';
+  if (wheel.kind === 'caster' || wheel.kind === 'trailer' || Math.abs(wheel.mount[1]) < 1e-6) return 'other';
   return wheel.mount[1] > 0 ? 'left' : 'right';
 }
 
@@ -560,6 +560,7 @@ export function sideOf(wheel) {
  * @param {number} scale px per meter
  */
 function drawWheel(wheel, state, scale) {
+  if (wheel.kind === 'trailer') return drawTrailer(wheel, state, scale);
   const r = wheel.radius * scale;
   const w = Math.max(2.5, wheel.width * scale);
   const offset = wheel.kind === 'caster' ? -wheel.trail * scale : 0;
@@ -590,6 +591,24 @@ function drawWheel(wheel, state, scale) {
 }
 
 /**
+ * A trailer from above: its outline, bar and wheels, turned about the hitch.
+ * @param {WheelShape} trailer
+ * @param {import('./run.js').WheelState} state
+ * @param {number} scale px per meter
+ */
+function drawTrailer(trailer, state, scale) {
+  const axle = -trailer.trail * scale;
+  const half = (trailer.track || 0) / 2 * scale;
+  const r = trailer.radius * scale;
+  const w = Math.max(2.5, trailer.width * scale);
+  const outline = (trailer.footprint || []).map(p => `${px(axle + p[0] * scale)} ${px(-p[1] * scale)}`);
+  const body = outline.length > 2 ? `<path d="M${outline.join('L')}Z" class="body"/>` : '';
+  const wheels = [half, -half].map(y => `<rect x="${px(axle - r)}" y="${px(y - w / 2)}" width="${px(2 * r)}" height="${px(w)}" rx="${px(Math.min(w * 0.28, 4))}" class="wheel-other"/>`).join('');
+  const bar = `<path d="M0 0H${px(axle)}M${px(axle)} ${px(-half)}V${px(half)}" class="fork"/><circle r="${px(Math.max(1.6, Math.min(0.015 * scale, 5)))}" class="pivot"/>`;
+  return `<g transform="translate(${px(trailer.mount[0] * scale)} ${px(-trailer.mount[1] * scale)}) rotate(${px(-state.heading * 180 / Math.PI)})">${body}${bar}${wheels}</g>`;
+}
+
+/**
  * The robot to scale at its place. A ghost is an outline in the class given.
  * @param {View} view
  * @param {Robot} robot
@@ -603,13 +622,13 @@ export function drawRobot(view, robot, state, options = {}) {
   if (options.ghost !== undefined) {
     svg += `<path d="${body}" class="none ${options.ghost}"/>`;
     robot.wheels.forEach((wheel, i) => {
-      if (wheel.kind === 'caster') return;
+      if (wheel.kind === 'caster' || wheel.kind === 'trailer') return;
       svg += `<rect transform="translate(${px(wheel.mount[0] * s)} ${px(-wheel.mount[1] * s)}) rotate(${px(-state.wheels[i].heading * 180 / Math.PI)})" x="${px(-wheel.radius * s)}" y="${px(-wheel.width / 2 * s)}" width="${px(2 * wheel.radius * s)}" height="${px(wheel.width * s)}" class="none ${options.ghost}"/>`;
     });
   } else {
     let axles = '';
     robot.wheels.forEach((a, i) => {
-      const b = robot.wheels.find((w, j) => j > i && w.kind !== 'caster' && a.kind !== 'caster' && Math.abs(w.mount[0] - a.mount[0]) < 1e-6 && w.mount[1] * a.mount[1] < 0);
+      const b = robot.wheels.find((w, j) => j > i && ![w, a].some(x => x.kind === 'caster' || x.kind === 'trailer') && Math.abs(w.mount[0] - a.mount[0]) < 1e-6 && w.mount[1] * a.mount[1] < 0);
       if (b) axles += `M${px(a.mount[0] * s)} ${px(-a.mount[1] * s)}L${px(b.mount[0] * s)} ${px(-b.mount[1] * s)}`;
     });
     const ring = options.ring ? ` s-${options.ring}` : '';
@@ -667,7 +686,7 @@ export function drawForces(view, robot, state, options) {
     const side = sideOf(wheel);
     const color = side === 'left' ? 'blue' : side === 'right' ? 'vermilion' : 'ink2';
     const turn = state.yaw + heading;
-    const trail = wheel.kind === 'caster' ? wheel.trail : 0;
+    const trail = wheel.kind === 'caster' || wheel.kind === 'trailer' ? wheel.trail : 0;
     const bx = wheel.mount[0] - trail * Math.cos(heading);
     const by = wheel.mount[1] - trail * Math.sin(heading);
     const x = view.x(state.x + bx * Math.cos(state.yaw) - by * Math.sin(state.yaw));

@@ -5,12 +5,14 @@
 /**
  * @typedef {object} WheelShape
  * @property {string} name
- * @property {'fixed' | 'steered' | 'caster' | 'rollers'} kind
+ * @property {'fixed' | 'steered' | 'caster' | 'rollers' | 'trailer'} kind
  * @property {[number, number]} mount place in the body frame, m
  * @property {number} angle direction at steering angle zero, rad
  * @property {number} radius m
  * @property {number} width m
  * @property {number} trail m
+ * @property {number} [track] of a trailer, m
+ * @property {[number, number][]} [footprint] of a trailer, from the middle of its axle, m
  * @property {number} roller_angle from the wheel's direction to the roller's axis, rad
  * @property {boolean} driven
  */

@@ -347,6 +347,7 @@ fn plain_wheel(name: &str, x: f64, y: f64, radius: f64) -> Wheel<f64> {
         pivot_viscous: 0.0,
         dry_friction: 0.0,
         friction_rounding: 0.0,
+        stiffness: 1.0,
         brake: 0.0,
         drive: Drive::Torque {
             torque_max: f64::INFINITY,
@@ -546,6 +547,7 @@ fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
             pivot_viscous: number_or(w, "pivot_viscous", 0.0),
             dry_friction: number_or(w, "load", 0.0) * number_or(w, "rolling_arm", 0.0),
             friction_rounding: number_or(p, "roll_eps", 0.0),
+            stiffness: 1.0,
             ..plain_wheel(
                 &format!("w{}", i + 1),
                 number(w, "x")?,
@@ -576,6 +578,7 @@ fn pioneer(vector: &Vector) -> Result<Parts, Refusal> {
             spin_inertia: number(p, "I_z1")?,
             dry_friction: number(p, &format!("N{name}"))? * number(p, &format!("f{name}"))?,
             friction_rounding: number_or(p, "roll_eps", 0.0),
+            stiffness: 1.0,
             ..plain_wheel(name, 0.0, side, number(p, "r")?)
         });
     }

@@ -164,6 +164,7 @@ fn peer_modelica_rolling_wheel_set() {
         pivot_viscous: 0.0,
         dry_friction: 0.0,
         friction_rounding: 0.0,
+        stiffness: 1.0,
         brake: 0.0,
         drive: Drive::Torque {
             torque_max: f64::INFINITY,

@@ -131,7 +131,7 @@ impl<T: Scalar> Rolling<T> {
     }
 
     /// Normal loads, N, under these contact forces, and the tip-over margin, m; zeros where the
-    /// contacts carry no plane.
+    /// contacts carry no plane. A trailer pulls at the height of the center of mass.
     #[inline(always)]
     pub(super) fn carry(
         &self,
@@ -148,10 +148,10 @@ impl<T: Scalar> Rolling<T> {
         let mut height = body.com_height * body.mass;
         let mut force = Vec2::zero();
         for i in 0..self.platform.layout().wheels {
-            if !self.platform.is_dynamic(i) {
+            let wheel = &self.platform.wheels()[i];
+            if !self.platform.is_dynamic(i) || wheel.is_towed() {
                 continue;
             }
-            let wheel = &self.platform.wheels()[i];
             let frame = self.platform.wheel_frame(i, x);
             mass += wheel.mass;
             moment = moment + frame.contact * wheel.mass;

@@ -79,6 +79,7 @@ impl Differential {
             pivot_viscous: 0.0,
             dry_friction: self.dry,
             friction_rounding: 0.0,
+            stiffness: 1.0,
             brake: self.brake,
             drive: self.drive,
         };

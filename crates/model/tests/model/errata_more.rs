@@ -83,6 +83,7 @@ fn shipped(at: Instant) -> Answer {
         pivot_viscous: 0.0,
         dry_friction: at.rolling,
         friction_rounding: 0.0,
+        stiffness: 1.0,
         brake: 0.0,
         drive: Drive::Torque {
             torque_max: f64::INFINITY,
@@ -338,6 +339,7 @@ fn note() -> Platform<f64> {
         pivot_viscous: 0.0,
         dry_friction: 0.0,
         friction_rounding: 0.0,
+        stiffness: 1.0,
         brake: 0.0,
         drive: Drive::Rate {
             rate_max: f64::INFINITY,

@@ -9,3 +9,4 @@ mod inverse;
 mod order;
 mod random_platforms;
 mod single_track;
+mod trailer;

@@ -105,6 +105,7 @@ fn platform(random: &mut Random) -> Result<Platform<f64>, PlatformError> {
             radius: random.between(0.05, 0.15),
             dry_friction: 0.0,
             friction_rounding: 0.0,
+            stiffness: 1.0,
             brake: 0.0,
             drive: match steering {
                 Steering::Free { .. } => Drive::None,

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub use check::check;
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Loaded, Overrides, load, load_robot, load_text};
-pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, Wheel};
+pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Trailer, Wheel};
 pub use task::{Direction, Piece, Route, Side, Task};
 
 /// Version of the scenario format that this program reads.

@@ -23,9 +23,57 @@ pub struct Platform {
     pub footprint: Vec<[f64; 2]>,
     /// The body without its wheels.
     pub body: Body,
-    /// 1 to 12 wheels.
+    /// 1 to 12 wheels; 11 with a trailer.
     pub wheel: Vec<Wheel>,
+    /// A trailer that it tows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trailer: Option<Trailer>,
 }
+
+/// A trailer with two wheels on one axle, on a hitch. Its signals are those of a wheel called
+/// `trailer`: the hitch angle is its steering angle, its forces are those of both wheels together.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trailer {
+    /// Place of the hitch in the base frame, m.
+    pub hitch: [f64; 2],
+    /// Height of the hitch above the ground, m.
+    pub hitch_height: f64,
+    /// Distance from the hitch back to the axle, m.
+    pub length: f64,
+    /// Distance between the wheels, m.
+    pub track: f64,
+    /// Mass without the wheels, kg.
+    pub mass: f64,
+    /// Distance of the center of mass before the axle, m; from 0 to `length` with the hitch loaded
+    /// downwards.
+    pub ahead: f64,
+    /// Yaw inertia about its own center of mass, kg·m², without the wheels.
+    pub inertia_com: f64,
+    /// Radius of the wheels, m.
+    pub radius: f64,
+    /// Width of the wheels, m; drawn only.
+    #[serde(default = "defaults::width")]
+    pub width: f64,
+    /// Mass of each wheel, kg.
+    #[serde(default)]
+    pub wheel_mass: f64,
+    /// Spin inertia of each wheel, kg·m².
+    #[serde(default)]
+    pub spin_inertia: f64,
+    /// Losses: of each wheel, and `pivot_viscous` of the hitch.
+    #[serde(default)]
+    pub friction: Friction,
+    /// Angle at the start, degrees: 0 straight behind.
+    #[serde(default)]
+    pub angle_deg: f64,
+    /// Outline, m, counter-clockwise, from the middle of its axle, x to the hitch; drawn only.
+    #[serde(default)]
+    pub footprint: Vec<[f64; 2]>,
+}
+
+/// Name of a trailer's axle among the wheels.
+pub const TRAILER: &str = "trailer";
 
 /// The body without the wheels.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

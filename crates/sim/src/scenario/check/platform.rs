@@ -36,6 +36,9 @@ pub(super) fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str)
     for wheel in &platform.wheel {
         wheel_rules(c, wheel, &path(&format!("wheel.{}", wheel.name)));
     }
+    if let Some(trailer) = &platform.trailer {
+        trailer_rules(c, trailer, platform, &path("trailer"));
+    }
     if c.problems.len() > before {
         return;
     }
@@ -50,6 +53,57 @@ pub(super) fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str)
             "link the steered wheels (steering kind \"linked\" or \"guided\"), or let some swivel",
         ),
         Ok(_) => {}
+    }
+}
+
+fn trailer_rules(c: &mut Checker, trailer: &Trailer, platform: &Platform, base: &str) {
+    let path = |field: &str| format!("{base}.{field}");
+    for value in trailer.hitch {
+        c.finite(path("hitch"), value);
+    }
+    c.finite(path("angle_deg"), trailer.angle_deg);
+    c.finite(path("ahead"), trailer.ahead);
+    for (field, value) in [
+        ("length", trailer.length),
+        ("track", trailer.track),
+        ("mass", trailer.mass),
+        ("inertia_com", trailer.inertia_com),
+        ("radius", trailer.radius),
+        ("width", trailer.width),
+    ] {
+        c.positive(path(field), value);
+    }
+    for (field, value) in [
+        ("hitch_height", trailer.hitch_height),
+        ("wheel_mass", trailer.wheel_mass),
+        ("spin_inertia", trailer.spin_inertia),
+        ("friction.viscous", trailer.friction.viscous),
+        ("friction.dry", trailer.friction.dry),
+        ("friction.rolling", trailer.friction.rolling),
+        ("friction.pivot_viscous", trailer.friction.pivot_viscous),
+    ] {
+        c.not_negative(path(field), value);
+    }
+    if trailer.ahead.abs() >= trailer.length {
+        c.refuse(
+            path("ahead"),
+            format!(
+                "must be less than the length, {}, got {}",
+                number(trailer.length),
+                number(trailer.ahead)
+            ),
+            "it is the distance of the center of mass before the axle",
+        );
+    }
+    for corner in trailer.footprint.iter().flatten() {
+        c.finite(path("footprint"), *corner);
+    }
+    if platform.wheel.iter().any(|wheel| wheel.name == TRAILER) {
+        c.refuse(
+            path("hitch"),
+            format!("must not stand beside a wheel of the name \"{TRAILER}\""),
+            "the trailer's axle has this name; rename the wheel",
+        );
     }
 }
 
