@@ -45,6 +45,9 @@ impl Spread {
 struct Gauge {
     /// Columns of the forward and the left speed.
     speeds: Option<[usize; 2]>,
+    /// Odometries whose error is told apart: name, columns of the whole error and of its causes, last
+    /// values.
+    odometries: Vec<(String, [usize; 5], [f64; 5])>,
     /// Column of the distance from the planned path.
     offset: Option<usize>,
     commands: Vec<(usize, &'static str)>,
@@ -138,6 +141,16 @@ impl<'a> Meter<'a> {
                         if path == known {
                             gauge.energies.push((known, k, 0.0));
                         }
+                    }
+                    if let Some(sensor) = path
+                        .strip_prefix("sensor.")
+                        .and_then(|rest| rest.strip_suffix(".error.distance"))
+                    {
+                        // Those of the causes end 13, 9, 5 and 1 columns before it.
+                        let columns = [k, k - 13, k - 9, k - 5, k - 1];
+                        gauge
+                            .odometries
+                            .push((sensor.to_owned(), columns, [0.0; 5]));
                     }
                     if path.starts_with("wheel.") {
                         for (ending, unit) in [
@@ -329,6 +342,13 @@ impl<'a> Meter<'a> {
                 note,
             );
         }
+        for (sensor, _, errors) in &gauge.odometries {
+            let [all, slip, method, geometry, encoder] = errors;
+            let note = format!(
+                "slip {slip:.4}, method {method:.4}, geometry {geometry:.4}, encoder {encoder:.4} m"
+            );
+            add(&format!("error of {sensor} at the end"), *all, "m", note);
+        }
         if let Some((_, unit)) = gauge.commands.first() {
             let count = rows * gauge.commands.len() as f64;
             let note = format!("peak {:.4} {unit}", gauge.command_peak);
@@ -410,6 +430,9 @@ impl Recorder for Meter<'_> {
             if let Some([forward, left]) = gauge.speeds {
                 let speed = crate::plant::speed(row[forward], row[left]);
                 gauge.speed = gauge.speed.max(speed);
+            }
+            for (_, columns, last) in &mut gauge.odometries {
+                *last = columns.map(|k| row[k]);
             }
             if let Some(k) = gauge.offset {
                 gauge.offset_square += row[k] * row[k];

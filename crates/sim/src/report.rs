@@ -482,6 +482,34 @@ fn robot_plots(
             json!({"scale": 1000.0}),
         );
     }
+    for signal in &recording.header.signals {
+        let Some(sensor) = signal
+            .path
+            .strip_prefix(&format!("{base}.sensor."))
+            .and_then(|rest| rest.strip_suffix(".error.distance"))
+        else {
+            continue;
+        };
+        let mut lines = vec![line(
+            &format!("sensor.{sensor}.error.distance"),
+            "all",
+            "main",
+        )];
+        for cause in crate::sensor::CAUSES {
+            let path = format!("sensor.{sensor}.error.{cause}.distance");
+            lines.push(line(&path, cause, "other"));
+        }
+        plot(
+            &format!("error of {sensor} by cause"),
+            "m",
+            lines,
+            json!({}),
+        );
+    }
+    if has("sensor.motion.radius") {
+        let radius = vec![line("sensor.motion.radius", "", "main")];
+        plot("radius of the motion", "m", radius, json!({}));
+    }
     plot("wheel torque", "N·m", each_wheel("torque"), json!({}));
     if wheels
         .iter()

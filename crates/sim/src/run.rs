@@ -463,6 +463,7 @@ fn sensor_period(sensor: &Sensor) -> f64 {
         Sensor::Pose { period, .. }
         | Sensor::Encoder { period, .. }
         | Sensor::Odometry { period, .. }
+        | Sensor::Motion { period, .. }
         | Sensor::RangeBearing { period, .. } => *period,
     }
 }

@@ -411,3 +411,73 @@ fn invariant_steered_robots_drive_the_circle() {
         }
     }
 }
+
+/// The note of motion by twist: its three regimes, and the point about which the robot turns.
+#[test]
+fn known_answer_rotation_center_and_regimes() {
+    let (recording, _) = execute(&load("motion.toml", &[]));
+    let column = |signal: &str| {
+        let path = format!("robot.bubble.sensor.motion.{signal}");
+        recording.column(&path).expect("recorded")
+    };
+    let row = |t: f64| recording.times.partition_point(|&at| at < t - 1e-9);
+    let (regime, radius) = (column("regime"), column("radius"));
+    // 5 s at 0.2 m/s from (0.5, 0.8) to (1.5, 0.8), then about (1.5, 0.8 + 0.2/0.4).
+    for (t, kind, expected) in [
+        (0.5, 0.0, 0.0),
+        (3.0, 1.0, 5.0),
+        (8.0, 2.0, 0.5),
+        (14.0, 3.0, 0.0),
+        (18.0, 2.0, -0.8),
+        (23.0, 0.0, -0.8),
+    ] {
+        let k = row(t);
+        assert_eq!(regime[k], kind, "{t}");
+        assert!((radius[k] - expected).abs() < 1e-9, "{t}: {}", radius[k]);
+    }
+    let k = row(8.0);
+    let (x, y) = (column("center.x")[k], column("center.y")[k]);
+    assert!((x - 1.5).abs() < 1e-9 && (y - 1.3).abs() < 1e-9, "{x} {y}");
+}
+
+/// Parts of an odometry's error add up to it, and those whose cause is taken away are nothing.
+#[test]
+fn invariant_causes_of_odometry_errors() {
+    let off = [
+        ("robot.bubble.sensor.arc.radius_scale", "1.0"),
+        ("robot.bubble.sensor.arc.track_scale", "1.0"),
+        ("robot.bubble.sensor.euler.resolution", "0"),
+    ];
+    for set in [&off[..0], &off[..]] {
+        let (recording, _) = execute(&load("motion.toml", set));
+        let column = |signal: String| {
+            let path = format!("robot.bubble.{signal}");
+            recording.column(&path).expect("recorded").to_vec()
+        };
+        for name in ["arc", "euler"] {
+            let part =
+                |cause: &str, axis: &str| column(format!("sensor.{name}.error.{cause}.{axis}"));
+            for axis in ["x", "y", "yaw"] {
+                let parts = ["slip", "method", "geometry", "encoder"].map(|c| part(c, axis));
+                let (believed, truth) = (
+                    column(format!("sensor.{name}.{axis}")),
+                    column(format!("pose.{axis}")),
+                );
+                // Read when the odometry is due, every tenth row.
+                for k in (0..recording.times.len()).step_by(10) {
+                    let sum: f64 = parts.iter().map(|part| part[k]).sum();
+                    assert!(
+                        (sum - (believed[k] - truth[k])).abs() < 1e-12,
+                        "{name} {axis} {k}"
+                    );
+                }
+            }
+            let last = |cause: &str| *part(cause, "distance").last().expect("rows");
+            // Wheels that roll along constant arcs tell all; but the commands change within a period.
+            assert!(last("slip") < 1e-9, "{name}: {}", last("slip"));
+            assert_eq!(last("method") == 0.0, name == "arc");
+            assert_eq!(last("geometry") == 0.0, name == "arc" && !set.is_empty());
+            assert_eq!(last("encoder") == 0.0, name == "euler" && !set.is_empty());
+        }
+    }
+}

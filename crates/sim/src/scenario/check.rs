@@ -399,6 +399,7 @@ fn sensor_kind(sensor: &Sensor) -> &'static str {
         Sensor::Pose { .. } => "pose",
         Sensor::Encoder { .. } => "encoder",
         Sensor::Odometry { .. } => "odometry",
+        Sensor::Motion { .. } => "motion",
         Sensor::RangeBearing { .. } => "range-bearing",
     }
 }
@@ -434,6 +435,21 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
             c.name(path("name"), name);
             c.positive(path("radius_scale"), *radius_scale);
             c.positive(path("track_scale"), *track_scale);
+        }
+        Sensor::Motion {
+            period,
+            straight_radius,
+            spot_radius,
+        } => {
+            c.period(path("period"), *period, step);
+            c.positive(path("straight_radius"), *straight_radius);
+            c.not_negative(path("spot_radius"), *spot_radius);
+            c.require(
+                spot_radius < straight_radius,
+                path("spot_radius"),
+                &format!("less than straight_radius = {}", number(*straight_radius)),
+                number(*spot_radius),
+            );
         }
         Sensor::RangeBearing {
             period,

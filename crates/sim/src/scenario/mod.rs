@@ -321,6 +321,25 @@ pub enum Sensor {
         /// Factor by which the track is believed wider than it is.
         #[serde(default = "defaults::one")]
         track_scale: f64,
+        /// Whether to tell the error apart by its causes: `sensor.<name>.error.<cause>.x`, `.y`,
+        /// `.yaw`, `.distance` of `slip` (what the wheels' turning does not tell), `method` (of
+        /// summing), `geometry` (wrong radius or track) and `encoder` (steps and noise); their sum's
+        /// `sensor.<name>.error.distance`.
+        #[serde(default)]
+        causes: bool,
+    },
+    /// The kind of motion and its center of rotation: `sensor.motion.regime` (0 rest, 1 straight,
+    /// 2 arc, 3 on the spot), `.radius` (of the origin's path, positive with the center to the left),
+    /// `.center.x`, `.center.y` (in the arena). At rest the last radius and center stay.
+    Motion {
+        /// Period, s.
+        period: f64,
+        /// Radius beyond which motion counts as straight, and at which the center then is put, m.
+        #[serde(default = "defaults::straight_radius")]
+        straight_radius: f64,
+        /// Radius below which the robot turns on the spot, m.
+        #[serde(default = "defaults::spot_radius")]
+        spot_radius: f64,
     },
     /// Range and bearing of each beacon: `sensor.beacon.<name>.range`, `.bearing`, `.visible`.
     RangeBearing {
@@ -692,6 +711,12 @@ mod defaults {
     }
     pub fn one() -> f64 {
         1.0
+    }
+    pub fn straight_radius() -> f64 {
+        100.0
+    }
+    pub fn spot_radius() -> f64 {
+        0.001
     }
     pub fn full_view() -> f64 {
         360.0
