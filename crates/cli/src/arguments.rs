@@ -40,6 +40,8 @@ pub enum Command {
     Run(RunOptions),
     /// Check a scenario or robot file, and report on the robot's design.
     Check(CheckOptions),
+    /// Run many trials of a scenario, and show how its figures are distributed.
+    Batch(BatchOptions),
     /// Plot signals of a recording as SVG or PNG.
     Plot(PlotOptions),
     /// Run one scenario at several levels of model, side by side.
@@ -198,6 +200,36 @@ pub struct InverseOptions {
     /// Table of all signals.
     #[arg(long, short, default_value = "inverse.csv")]
     pub out: PathBuf,
+}
+
+/// Options of `batch`.
+#[derive(Args)]
+pub struct BatchOptions {
+    /// Scenario file; its table [batch] holds the same settings.
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: PathBuf,
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Number of trials [default: that of the file, or 1000].
+    #[arg(long)]
+    pub trials: Option<u64>,
+    /// Draw a value anew for each trial, such as robot.tri.platform.body.mass=normal(9, 0.5); kinds
+    /// are normal(mean, std), uniform(low, high), log-uniform(low, high), choice(…) and grid(…); may
+    /// be repeated.
+    #[arg(long, value_name = "PATH=KIND(…)")]
+    pub vary: Vec<String>,
+    /// Threads; all cores if left out. The result does not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
+    /// Output folder [default: runs/NAME-batch]. A batch that was broken off goes on where it was.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Print the summary as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Write no report.
+    #[arg(long)]
+    pub no_report: bool,
 }
 
 /// Options of `umbmark`.

@@ -3,6 +3,7 @@
 //! A thin front: it parses arguments, calls `appell-sim` and prints what came of it.
 
 mod arguments;
+mod batch;
 mod check;
 mod compare;
 mod inverse;
@@ -37,6 +38,7 @@ fn main() -> ExitCode {
     terminal::set_color(arguments.color);
     let code = match arguments.command {
         Command::Run(options) => run::run(&options),
+        Command::Batch(options) => batch::batch(&options),
         Command::Check(options) => check::check(&options),
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),

@@ -184,8 +184,11 @@ fn execute(
     }
     let memory = (!options.no_report).then(|| Memory::bounded(REPORT_ROWS));
     let mut recorder = Fan { files, memory };
-    let mut progress =
-        terminal::Progress::new(&loaded.scenario.name, loaded.scenario.time.duration);
+    let mut progress = terminal::Progress::new(
+        &loaded.scenario.name,
+        loaded.scenario.time.duration,
+        "times real time",
+    );
     let result = run.execute(&mut recorder, &mut |t| progress.at(t));
     progress.done();
     let summary = result.map_err(|error| match error {

@@ -170,21 +170,24 @@ pub struct Progress {
     start: Instant,
     end: f64,
     name: String,
+    unit: &'static str,
 }
 
 impl Progress {
-    /// Progress of a run of `end` seconds of simulated time.
-    pub fn new(name: &str, end: f64) -> Self {
+    /// Progress up to `end` of something that is counted in `unit` per second: seconds of simulated
+    /// time are "times real time".
+    pub fn new(name: &str, end: f64, unit: &'static str) -> Self {
         Progress {
             bar: None,
             start: Instant::now(),
             end,
             name: name.to_owned(),
+            unit,
         }
     }
 
-    /// Tells the simulated time.
-    pub fn at(&mut self, t: f64) {
+    /// Tells how far it is.
+    pub fn at(&mut self, done: f64) {
         if self.bar.is_none() {
             if self.start.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
                 return;
@@ -201,9 +204,9 @@ impl Progress {
             self.bar = Some(bar);
         }
         if let Some(bar) = &self.bar {
-            let rate = t / self.start.elapsed().as_secs_f64();
-            bar.set_prefix(format!("{rate:.0} times real time"));
-            bar.set_position((1000.0 * t / self.end) as u64);
+            let rate = done / self.start.elapsed().as_secs_f64();
+            bar.set_prefix(format!("{rate:.0} {}", self.unit));
+            bar.set_position((1000.0 * done / self.end) as u64);
         }
     }
 

@@ -3,6 +3,7 @@
 //! The way of the data: [`scenario`] (what people write) → [`build`] → [`world`] (what runs) →
 //! [`record`] (what remains) → [`report`] (what people see). [`run`] ties them together.
 
+pub mod batch;
 pub mod block;
 pub mod build;
 pub mod compare;

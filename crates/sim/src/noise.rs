@@ -30,16 +30,22 @@ impl Stream {
         }
     }
 
-    /// Two independent standard normal deviates, drawn at `counter` (Box–Muller).
-    pub fn normals(&self, counter: u64) -> [f64; 2] {
+    /// Two independent uniform deviates in (0, 1), drawn at `counter`.
+    pub fn uniforms(&self, counter: u64) -> [f64; 2] {
         let words = philox([counter as u32, (counter >> 32) as u32, 0, 0], self.key);
         let uniform = |high: u32, low: u32| {
             // 53 bits, shifted off zero by half a step.
             let bits = (u64::from(high) << 21) ^ u64::from(low >> 11);
             (bits as f64 + 0.5) / (1_u64 << 53) as f64
         };
-        let radius = (-2.0 * Scalar::ln(uniform(words[0], words[1]))).sqrt();
-        let angle = std::f64::consts::TAU * uniform(words[2], words[3]);
+        [uniform(words[0], words[1]), uniform(words[2], words[3])]
+    }
+
+    /// Two independent standard normal deviates, drawn at `counter` (Box–Muller).
+    pub fn normals(&self, counter: u64) -> [f64; 2] {
+        let [first, second] = self.uniforms(counter);
+        let radius = (-2.0 * Scalar::ln(first)).sqrt();
+        let angle = std::f64::consts::TAU * second;
         let (sin, cos) = sin_cos(angle);
         [radius * cos, radius * sin]
     }

@@ -9,12 +9,13 @@ use crate::record::Recording;
 use crate::run::{Outcome, Summary};
 
 /// The pure modules, in the order of their dependence.
-const MODULES: [&str; 5] = [
+const MODULES: [&str; 6] = [
     include_str!("../web/draw.js"),
     include_str!("../web/run.js"),
     include_str!("../web/arena.js"),
     include_str!("../web/plot.js"),
     include_str!("../web/report-body.js"),
+    include_str!("../web/batch.js"),
 ];
 const PLAYER: &str = include_str!("../web/report.js");
 const STYLE: &str = include_str!("../web/report.css");
@@ -98,6 +99,28 @@ impl Press {
         options: &Value,
     ) -> Result<String, ReportError> {
         self.call("renderPlot", &[data, specs, options])
+    }
+
+    /// The self-contained page of a batch; without scripts.
+    pub fn batch(&self, data: &Value) -> Result<String, ReportError> {
+        let title = self.call("batchTitle", &[data])?;
+        let body = self.call("batchBody", &[data])?;
+        let style = self.call("reportStyle", &[])? + STYLE;
+        let page = fill(
+            TEMPLATE,
+            &[
+                ("<!--TITLE-->", &title),
+                ("<!--BODY-->", &body),
+                ("/*CSS*/", &style),
+            ],
+        );
+        // The template's scripts are the last of its body.
+        let start = page.rfind("<script type=\"application/json\"");
+        let end = page.rfind("</body>");
+        Ok(match (start, end) {
+            (Some(start), Some(end)) => page[..start].to_owned() + &page[end..],
+            _ => page,
+        })
     }
 
     /// The self-contained page.

@@ -560,7 +560,11 @@ fn wheel_noise(
                 NoiseSource::Given(table(loaded, path, file, column)?)
             }
             _ => NoiseSource::Normal {
-                stream: Stream::new(key.0, key.1, &path("noise")),
+                stream: Stream::new(
+                    key.0,
+                    key.1,
+                    noise.stream.as_ref().unwrap_or(&path("noise")),
+                ),
                 mean: noise.mean,
                 std: noise.std,
             },

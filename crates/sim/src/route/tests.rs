@@ -1,3 +1,5 @@
+//! Tests of routes.
+
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::path::Path as FilePath;
 

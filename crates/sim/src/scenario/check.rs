@@ -129,6 +129,8 @@ fn number(value: f64) -> String {
     }
 }
 
+/// Trials of a batch at the most.
+pub const TRIALS_MAX: u64 = 1_000_000_000;
 /// Steps of a run are counted up to here.
 const TICKS_MAX: f64 = 1e12;
 
@@ -180,6 +182,24 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
     }
     if let Some(statistics) = &scenario.statistics {
         check_statistics(&mut c, scenario, statistics);
+    }
+    if let Some(batch) = &scenario.batch {
+        c.require(
+            (1..=TRIALS_MAX).contains(&batch.trials),
+            "batch.trials".into(),
+            &format!("in [1, {TRIALS_MAX}]"),
+            batch.trials,
+        );
+        for (k, vary) in batch.vary.iter().enumerate() {
+            if let Some((field, problem)) = crate::batch::refuse(&vary.draw) {
+                c.refuse(format!("batch.vary.{k}.draw.{field}"), problem, "");
+            }
+        }
+        c.unique(
+            "batch.vary",
+            "path",
+            batch.vary.iter().map(|vary| vary.path.as_str()),
+        );
     }
     c.problems
 }

@@ -3,6 +3,7 @@
 //! The doc comments of these types are the reference manual: the JSON Schema and the book's tables
 //! are made from them. Units are SI unless the key says otherwise.
 
+mod batch;
 mod check;
 mod diagnostic;
 mod read;
@@ -12,7 +13,8 @@ mod task;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use check::check;
+pub use batch::{Batch, Draw, Vary};
+pub use check::{TRIALS_MAX, check};
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Loaded, Overrides, load, load_robot, load_text};
 pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Trailer, Wheel};
@@ -51,6 +53,9 @@ pub struct Scenario {
     /// Tables of how far robots are apart.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistics: Option<Statistics>,
+    /// Many trials: what `appell batch` runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub batch: Option<Batch>,
 }
 
 /// Tables of mean and standard deviation, over the recorded rows, of the differences between robots.
@@ -270,6 +275,10 @@ pub struct WheelNoise {
     /// Name of the file's column.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub column: Option<String>,
+    /// Name of the random stream; noises of one name and seed are alike, step by step. Its own
+    /// signal's path if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stream: Option<String>,
 }
 
 /// A sensor; its outputs are signals of the robot.
@@ -676,6 +685,9 @@ pub enum Format {
 mod defaults {
     use super::{DriveChoice, Level};
 
+    pub fn trials() -> u64 {
+        1000
+    }
     pub fn step() -> f64 {
         0.001
     }

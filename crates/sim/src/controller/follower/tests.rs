@@ -1,3 +1,5 @@
+//! Tests of the follower and its laws.
+
 use appell_model::math::single::{atan2, sin_cos};
 
 use super::super::law::{Place, regulator};

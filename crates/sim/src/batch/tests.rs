@@ -1,0 +1,164 @@
+//! Tests of batches.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::figures::Success;
+use super::{Batch, PART, draw, part};
+use crate::scenario::Draw;
+
+fn shipped(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../scenarios")
+        .join(name)
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("appell-batch-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    folder
+}
+
+/// A short batch: the house with other noise, cut to its first leg.
+fn batch(trials: u64) -> Batch {
+    let set = |path: &str, value: &str| (path.to_owned(), value.to_owned());
+    let overrides = [
+        set("time.duration", "2.0"),
+        set("robot.restored.servo.angle_feedback", "4.0"),
+    ];
+    let vary = [
+        draw::parse("robot.real.wheel_noise.0.std=uniform(0.001, 0.01)").expect("a draw"),
+        draw::parse("robot.restored.servo.rate_feedback = grid(0.0, 0.01, 0.02)").expect("a draw"),
+    ];
+    Batch::new(
+        &shipped("house-seeds.toml"),
+        &overrides,
+        Some(trials),
+        &vary,
+    )
+    .unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn invariant_rows_do_not_depend_on_threads_or_breaks() {
+    let trials = 2 * PART + 20;
+    let batch = batch(trials);
+    let mut roots = BTreeSet::new();
+    for threads in [1, 2, 3] {
+        let folder = scratch(&format!("threads-{threads}"));
+        let summary = batch.execute(&folder, threads, &|_| {}).expect("runs");
+        roots.insert(summary.root);
+        // A part that is gone, and one that is damaged, are run again; the others are not.
+        let file = |part: u64| folder.join(format!("trials/part-{part:06}.parquet"));
+        let untouched = std::fs::metadata(file(2))
+            .and_then(|m| m.modified())
+            .expect("a part");
+        std::fs::remove_file(file(0)).expect("removed");
+        let bytes = std::fs::read(file(1)).expect("a part");
+        std::fs::write(file(1), &bytes[..bytes.len() / 2]).expect("damaged");
+        let again = batch.execute(&folder, threads, &|_| {}).expect("runs");
+        roots.insert(again.root);
+        let after = std::fs::metadata(file(2))
+            .and_then(|m| m.modified())
+            .expect("a part");
+        assert_eq!(untouched, after);
+        std::fs::remove_dir_all(&folder).expect("removed");
+    }
+    assert_eq!(roots.len(), 1);
+}
+
+#[test]
+fn invariant_a_trial_alone_is_that_of_the_batch() {
+    let folder = scratch("alone");
+    let batch = batch(40);
+    batch.execute(&folder, 2, &|_| {}).expect("runs");
+    let store = part::Store::open(&folder, &batch.hash, &batch.columns).expect("the folder");
+    let rows = store.read(0, 0..40).expect("rows");
+    for trial in [0, 17, 39] {
+        let (alone, row) = (batch.trial(trial), &rows[trial as usize]);
+        assert_eq!(alone.verdict, row.verdict);
+        let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&alone.values), bits(&row.values));
+    }
+    // Grids count through their values; draws are within their limits.
+    for (trial, row) in rows.iter().enumerate() {
+        assert!((0.001..0.01).contains(&row.values[0]));
+        assert_eq!(row.values[1], [0.0, 0.01, 0.02][trial % 3]);
+    }
+    // Another batch does not go on in its folder.
+    let other = self::batch(41);
+    let problem = other.execute(&folder, 1, &|_| {}).expect_err("a refusal");
+    assert!(problem.to_string().contains("another batch"), "{problem}");
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+#[test]
+fn diff_draws_have_their_moments() {
+    let vary = [
+        "a=normal(2, 0.5)",
+        "b=uniform(-1, 3)",
+        "c=log-uniform(0.01, 100)",
+        "d=choice(1, 2, 4)",
+    ]
+    .map(|text| draw::parse(text).expect("a draw"));
+    let count = 20_000;
+    let mut sums = [[0.0; 2]; 4];
+    for trial in 0..count {
+        for (k, (_, value)) in draw::values(&vary, 7, trial).into_iter().enumerate() {
+            let value = if k == 2 {
+                appell_model::scalar::Scalar::ln(value)
+            } else {
+                value
+            };
+            sums[k][0] += value;
+            sums[k][1] += value * value;
+        }
+    }
+    // Mean and variance by their formulas; four standard errors of 20 000 draws.
+    let wide = 4.0 * std::f64::consts::LN_10;
+    for (k, (mean, variance)) in [
+        (2.0, 0.25),
+        (1.0, 16.0 / 12.0),
+        (0.0, wide * wide / 12.0),
+        (7.0 / 3.0, 14.0 / 9.0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let n = count as f64;
+        let (got, square) = (sums[k][0] / n, sums[k][1] / n);
+        let error = 4.0 * (variance / n).sqrt();
+        assert!((got - mean).abs() < error, "{k}: {got}");
+        assert!(
+            (square - got * got - variance).abs() < 0.05 * variance,
+            "{k}"
+        );
+    }
+}
+
+#[test]
+fn refusals_of_draws() {
+    for text in [
+        "a",
+        "a=normal",
+        "a=normal(1)",
+        "a=normal(1, -1)",
+        "a=uniform(2, 1)",
+        "a=log-uniform(0, 1)",
+        "a=choice(x)",
+        "a=weird(1)",
+        "a=normal(nan, 1)",
+    ] {
+        assert!(draw::parse(text).is_err(), "{text}");
+    }
+    assert!(draw::refuse(&Draw::Grid { values: vec![] }).is_some());
+}
+
+/// E. B. Wilson's interval, worked by hand: 8 of 10 gives 0.4902 to 0.9433.
+#[test]
+fn known_answer_confidence_of_success() {
+    let success = Success::of(8, 10);
+    assert!((success.low - 0.4902).abs() < 5e-5 && (success.high - 0.9433).abs() < 5e-5);
+    let none = Success::of(0, 10);
+    assert!(none.low == 0.0 && (none.high - 0.2775).abs() < 5e-5);
+}

@@ -1,0 +1,80 @@
+//! Batches: what is drawn anew for each of many trials of a scenario.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::defaults;
+
+/// Many trials of the scenario, each with random numbers of its own: `appell batch`.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Batch {
+    /// Number of trials.
+    #[serde(default = "defaults::trials")]
+    pub trials: u64,
+    /// Values of the scenario that are drawn for each trial.
+    #[serde(default)]
+    pub vary: Vec<Vary>,
+    /// Scenario file, relative to this one, whose figures are marked in the distributions: a
+    /// published run, say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mark: Option<String>,
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Batch {
+            trials: defaults::trials(),
+            vary: Vec::new(),
+            mark: None,
+        }
+    }
+}
+
+/// A value of the scenario that is drawn for each trial.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Vary {
+    /// Path of the value, as of `--set`.
+    pub path: String,
+    /// How it is drawn.
+    pub draw: Draw,
+}
+
+/// Ways of drawing a value. The draw is keyed by seed, trial and path: one more varied value changes
+/// no other.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Draw {
+    /// Normal.
+    Normal {
+        /// Mean.
+        mean: f64,
+        /// Standard deviation.
+        std: f64,
+    },
+    /// Uniform in an interval.
+    Uniform {
+        /// Lower end.
+        low: f64,
+        /// Upper end.
+        high: f64,
+    },
+    /// Uniform in the logarithm.
+    LogUniform {
+        /// Lower end, above 0.
+        low: f64,
+        /// Upper end.
+        high: f64,
+    },
+    /// One of several values, each as likely.
+    Choice {
+        /// Values.
+        values: Vec<f64>,
+    },
+    /// Each of several values in turn; several grids make all combinations, the first one fastest.
+    Grid {
+        /// Values.
+        values: Vec<f64>,
+    },
+}

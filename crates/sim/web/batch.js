@@ -1,0 +1,171 @@
+// The report of a batch: success, reasons of failure, and the distribution of each figure.
+//
+// Pure, and without scripts in the page: everything is drawn beforehand.
+
+import { clamp, escapeText, label, niceStep, plain, px, significant, textWidth, tickText } from './draw.js';
+
+/**
+ * @typedef {object} Figure
+ * @property {string} name
+ * @property {string} unit
+ * @property {string} group
+ * @property {number} count trials that have it
+ * @property {number} mean
+ * @property {number} std
+ * @property {number[]} quantiles least, 5, 25, 50, 75, 95 %, largest
+ * @property {number[]} bins counts in equal intervals from the least to the largest
+ */
+/**
+ * @typedef {object} BatchData
+ * @property {{ scenario: string, title: string, hash: string, root: string, seed: number, version: string, trials: number, verdicts: Record<string, number>, success?: { share: number, low: number, high: number }, failures: [string, number][], figures: Figure[] }} summary
+ * @property {Record<string, number>} marks
+ * @property {string | null} marked file of the run whose figures are marked
+ * @property {string} drawn group of the drawn values
+ * @property {string} text
+ */
+
+const CELL = { width: 360, height: 148, left: 12, right: 12, top: 40, bottom: 26 };
+
+/**
+ * Name of a figure without that of its group.
+ * @param {Figure} figure
+ */
+function shortName(figure) {
+  const start = `${figure.group}: `;
+  return figure.name.startsWith(start) ? figure.name.slice(start.length) : figure.name;
+}
+
+/**
+ * @param {string} words
+ * @param {number} width px
+ * @param {number} size px
+ */
+function fitted(words, width, size) {
+  if (textWidth(words, size) <= width) return words;
+  let cut = words;
+  while (cut && textWidth(`…${cut}`, size) > width) cut = cut.slice(1);
+  return `…${cut}`;
+}
+
+/**
+ * A histogram with median, the middle 90 % and a mark.
+ * @param {Figure} figure
+ * @param {number | undefined} mark
+ */
+function histogram(figure, mark) {
+  const { width, height, left, right, top, bottom } = CELL;
+  const [least, low, , median, , high, most] = figure.quantiles;
+  const from = mark === undefined ? least : Math.min(least, mark);
+  const to = mark === undefined ? most : Math.max(most, mark);
+  const span = to - from;
+  const x = (/** @type {number} */ value) => left + (value - from) / span * (width - left - right);
+  const floor = height - bottom;
+  const tallest = Math.max(1, ...figure.bins);
+  const step = (most - least) / figure.bins.length;
+  const bars = figure.bins.map((count, k) => {
+    if (count === 0) return '';
+    const a = x(least + k * step);
+    const b = x(least + (k + 1) * step);
+    const h = Math.max(1, count / tallest * (floor - top));
+    return `<rect x="${px(a)}" y="${px(floor - h)}" width="${px(Math.max(0.8, b - a - 0.6))}" height="${px(h)}" class="f-blue" fill-opacity=".55"/>`;
+  }).join('');
+  // As many ticks as have room for their numbers.
+  let stepTicks = niceStep(span, 5);
+  for (let count = 4; count > 1; count--) {
+    const widest = Math.max(...[from, to].map(v => textWidth(tickText(v, stepTicks), 11.5)));
+    if ((widest + 10) * span / stepTicks < width - left - right) break;
+    stepTicks = niceStep(span, count - 1);
+  }
+  let ticks = '';
+  for (let value = Math.ceil(from / stepTicks) * stepTicks; value <= to + stepTicks * 1e-6; value += stepTicks) {
+    const at = x(value);
+    const words = tickText(value, stepTicks);
+    const half = textWidth(words, 11.5) / 2;
+    ticks += `<path d="M${px(at)} ${px(floor)}v4" class="frame"/>${label(clamp(at, half, width - half), floor + 16, words, 'tick', 'middle')}`;
+  }
+  const middle = `<path d="M${px(x(low))} ${px(floor + 0.5)}H${px(x(high))}" class="s-blue" stroke-width="3"/><path d="M${px(x(median))} ${px(top)}V${px(floor)}" class="s-ink" stroke-width="1.2"/>`;
+  let marker = '';
+  if (mark !== undefined) {
+    const at = x(mark);
+    const below = figure.bins.reduce((sum, count, k) => sum + (least + (k + 0.5) * step < mark ? count : 0), 0);
+    // Digits enough to tell it from the others.
+    const digits = clamp(Math.ceil(Math.log10(Math.abs(mark) / span)) + 3, 3, 9);
+    const words = `${significant(mark, mark === 0 ? 1 : digits)} · above ${Math.round(100 * below / figure.count)} %`;
+    const half = textWidth(words, 11.5) / 2;
+    marker = `<path d="M${px(at)} ${px(top - 4)}V${px(floor)}" class="s-vermilion" stroke-width="2"/>${label(clamp(at, half + 2, width - half - 2), top - 8, words, 't-vermilion', 'middle')}`;
+  }
+  const unit = figure.unit && figure.unit !== '1' ? `, ${figure.unit}` : '';
+  const title = `<text x="${left}" y="14" class="bold">${escapeText(fitted(shortName(figure), width - left - right - textWidth(unit, 12), 12.5))}<tspan class="note" font-weight="400">${escapeText(unit)}</tspan></text>`;
+  return `<svg class="picture" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" role="img" aria-label="Distribution of ${escapeText(figure.name)}">${title}<path d="M${left} ${px(floor)}H${width - right}" class="frame"/>${bars}${middle}${ticks}${marker}</svg>`;
+}
+
+/** @param {number} value */
+function percent(value) {
+  const shown = 100 * value;
+  return `${shown >= 99.95 || shown < 0.05 ? plain(Math.round(shown * 1000) / 1000) : shown.toFixed(1)} %`;
+}
+
+/** @param {BatchData} data */
+function batchHeader(data) {
+  const { summary } = data;
+  const counts = Object.keys(summary.verdicts).map(verdict => `${summary.verdicts[verdict]} ${verdict}`).join(', ');
+  const { success } = summary;
+  const sentence = success
+    ? `${percent(success.share)} of ${summary.trials} trials passed; with 95 % confidence the share lies between ${percent(success.low)} and ${percent(success.high)}.`
+    : `${summary.trials} trials without a task.`;
+  return `<header><div><h1>${escapeText(summary.title || summary.scenario)}</h1><p>${escapeText(sentence)}</p><p class="quiet">${escapeText(counts)} · seed ${summary.seed}</p></div></header>`;
+}
+
+/** @param {BatchData} data */
+function failureTable(data) {
+  const { failures, trials } = data.summary;
+  if (failures.length === 0) return '';
+  const rows = failures.slice(0, 20).map(([reason, count]) => `<tr><th scope="row">${escapeText(reason)}</th><td class="right">${count}</td><td class="right">${percent(count / trials)}</td></tr>`).join('');
+  return `<section aria-label="Failures"><h2>Why trials failed <small>numbers within a reason as …</small></h2><div class="wide"><table><thead><tr><th>reason</th><th class="right">trials</th><th class="right">share</th></tr></thead><tbody>${rows}</tbody></table></div></section>`;
+}
+
+/**
+ * The figures of a group: histograms of those that spread, then all as a table.
+ * @param {BatchData} data
+ * @param {string} group
+ */
+function groupOf(data, group) {
+  const figures = data.summary.figures.filter(figure => figure.group === group);
+  const spread = figures.filter(figure => figure.quantiles[6] > figure.quantiles[0]);
+  const several = data.summary.figures.some(figure => figure.group !== group && figure.group !== data.drawn);
+  const heading = group === data.drawn ? 'Drawn values' : several ? group : 'Figures';
+  const cells = spread.map(figure => histogram(figure, data.marks[figure.name])).join('');
+  const value = (/** @type {number} */ v) => significant(v, 4);
+  const marked = figures.some(figure => data.marks[figure.name] !== undefined);
+  const rows = figures.map(figure => {
+    const mark = data.marks[figure.name];
+    const [least, low, , median, , high, most] = figure.quantiles;
+    const cells = [figure.mean, figure.std, least, low, median, high, most].map(v => `<td class="right">${value(v)}</td>`).join('');
+    const unit = figure.unit && figure.unit !== '1' ? figure.unit : '';
+    return `<tr><th scope="row">${escapeText(shortName(figure))}</th>${cells}${marked ? `<td class="right t-vermilion">${mark === undefined ? '' : value(mark)}</td>` : ''}<td>${escapeText(unit)}</td><td class="right">${figure.count}</td></tr>`;
+  }).join('');
+  const head = ['mean', 'std', 'least', '5 %', 'median', '95 %', 'largest'].map(w => `<th class="right">${w}</th>`).join('');
+  return `<section aria-label="${escapeText(heading)}"><h2>${escapeText(heading)}</h2><div class="cells">${cells}</div><details${spread.length === 0 ? ' open' : ''}><summary>as a table</summary><div class="wide"><table><thead><tr><th>figure</th>${head}${marked ? '<th class="right">marked</th>' : ''}<th>unit</th><th class="right">trials</th></tr></thead><tbody>${rows}</tbody></table></div></details></section>`;
+}
+
+/**
+ * The body of a batch's report.
+ * @param {BatchData} data
+ */
+export function batchBody(data) {
+  /** @type {string[]} */
+  const groups = [];
+  for (const figure of data.summary.figures) if (!groups.includes(figure.group)) groups.push(figure.group);
+  const key = `<p class="quiet">Bars: trials in each of 40 equal intervals. Thick line: the middle 90 %. Thin line: median.${data.marked ? ` Red line: the run of ${escapeText(data.marked)}, and the share of trials below it.` : ''}</p>`;
+  const facts = [['version', `appell ${data.summary.version}`], ['seed', data.summary.seed], ['trials', data.summary.trials]];
+  const footer = `<footer><dl>${facts.map(([k, v]) => `<div><dt>${k}</dt><dd>${escapeText(v)}</dd></div>`).join('')}<div class="hash"><dt>hash</dt><dd>${escapeText(data.summary.hash)}</dd></div><div class="hash"><dt>root of the rows</dt><dd>${escapeText(data.summary.root)}</dd></div></dl></footer>`;
+  return `<main class="batch">\n${batchHeader(data)}\n${failureTable(data)}\n${key}\n${groups.map(group => groupOf(data, group)).join('\n')}\n<section aria-label="Scenario"><h2>Scenario <small>${escapeText(data.summary.scenario)}</small></h2><pre tabindex="0">${escapeText(data.text.trim())}</pre></section>${footer}\n</main>`;
+}
+
+/**
+ * The title of the page, escaped.
+ * @param {BatchData} data
+ */
+export function batchTitle(data) {
+  return escapeText(`${data.summary.scenario}: ${data.summary.trials} trials · Appell`);
+}
