@@ -61,6 +61,8 @@ impl Row {
 }
 
 const CAR: &str = "scenarios/car.toml";
+const TRICYCLE: &str = "scenarios/tricycle.toml";
+const TRAILER: &str = "scenarios/trailer.toml";
 const HOUSE: &str = "scenarios/house.toml";
 const SLALOM: &str = "scenarios/slalom.toml";
 const HOMING: &str = "scenarios/homing.toml";
@@ -92,7 +94,7 @@ const SCENARIOS: &[Row] = &[
     row("misspelled-table", SLALOM, ("[terrain]", "[terain]"), "[terain]", &["terain: unknown key", "did you mean terrain?"]),
     row("unknown-kind", SLALOM, ("kind = \"flat\"", "kind = \"flatt\""), "kind = \"flatt\"", &["terrain.kind: must be one of flat, plane, got \"flatt\"", "did you mean \"flat\"?"]),
     row("unknown-word", SLALOM, ("level = \"rolling\"", "level = \"roling\""), "level", &["robot.tri.level: must be one of kinematic, rolling, got \"roling\"", "did you mean \"rolling\"?"]),
-    row("unknown-task", SLALOM, ("[robot.task]\nkind = \"slalom\"", "[robot.task]\nkind = \"parking\""), "kind = \"parking\"", &["robot.tri.task.kind: must be one of homing, gate, eight, slalom, got \"parking\""]).bare(),
+    row("unknown-task", SLALOM, ("[robot.task]\nkind = \"slalom\"", "[robot.task]\nkind = \"parking\""), "kind = \"parking\"", &["robot.tri.task.kind: must be one of homing, gate, eight, slalom, route, got \"parking\""]).bare(),
     row("wrong-schema", SLALOM, ("schema = 1", "schema = 2"), "schema", &["schema: must be 1, got 2"]),
     row("huge-integer", SLALOM, ("seed = 1 ", "seed = 99999999999999999999 "), "seed", &["not valid TOML", "99999999999999999999", "whole numbers within"]),
     row("negative-seed", SLALOM, ("seed = 1 ", "seed = -1 "), "seed", &["seed: must be a whole number that is not negative, got integer -1"]).bare(),
@@ -125,6 +127,22 @@ const SCENARIOS: &[Row] = &[
     row("file-and-platform", SLALOM, ("[robot.controller]", "[robot.platform]\nname = \"other\"\n\n[robot.controller]"), "file", &["robot.tri.file: must not stand beside an inline platform", "keep one"]),
     row("neither-file-nor-platform", SLALOM, ("file = \"../robots/three-wheeler.toml\"\n", ""), "[[robot]]", &["robot.tri.platform: is missing", "name a robot file"]),
     row("motors-of-none", "scenarios/coast.toml", ("level = \"rolling\"", "drive = \"dc-motor\""), "drive", &["robot.cart.drive: must be another"]),
+    // Routes, trailers, batches.
+    row("route-without-end", TRICYCLE, ("kind = \"line\"\nlength = 4.5 ", "kind = \"line\"\nlength = 0.0 "), "length = 0.0", &["robot.agv.task.path.piece.0.length: must be a finite number > 0, got 0.0"]).bare(),
+    row("route-of-other-kind", TRICYCLE, ("kind = \"pieces\"", "kind = \"zigzag\""), "kind = \"zigzag\"", &["robot.agv.task.path.kind: must be one of pieces, polyline, spline, file, got \"zigzag\""]).bare(),
+    row("route-too-sharp", TRAILER, ("radius = 1.2", "radius = 0.02"), "path = {", &["robot.tug.task.path: must have no curve tighter than", "got 0.020 m at", "widen the curve"]),
+    row("route-corner-too-wide", TRAILER, ("radius = 1.2", "radius = 3.0"), "path = {", &["robot.tug.task.path.radius: must leave the edge from (8.5, 1.2) to (8.5, 5.6) its 4.400 m", "would do there"]),
+    row("route-leaves", TRAILER, ("[8.5, 5.6], [2.0, 5.6]]", "[8.5, 6.9], [2.0, 6.9]]"), "path = {", &["robot.tug.task.path: must keep the robot's disc of 0.95 m inside the arena", "leaves it at"]),
+    row("route-through-beacon", TRAILER, ("position = [4.0, 3.4]", "position = [4.0, 1.5]"), "path = {", &["robot.tug.task.path: must keep 1.100 m from the center of beacon \"rack\"", "got 0.300 m"]),
+    row("route-from-afar", TRAILER, ("pose = [2.0, 1.2, 0.0]", "pose = [2.0, 1.6, 0.0]"), "path = {", &["robot.tug.task.path: must begin within tolerance = 0.25 m of the robot's start, got 0.400 m"]),
+    row("route-open-laps", TRAILER, ("tolerance = 0.25", "laps = 2\ntolerance = 0.25"), "laps", &["robot.tug.task.laps: must be 1 for a path that does not close, got 2"]),
+    row("route-dangling", CAR, ("car-track.csv\", closed", "no-track.csv\", closed"), "path = {", &["robot.car.task.path.file: \"", "no-track.csv\" cannot be read"]),
+    row("route-column", CAR, ("closed = true }", "closed = true, x = \"east\" }"), "path = {", &["robot.car.task.path.file: must have a column \"east\", got x, y"]),
+    row("sideways-on-two-wheels", "scenarios/laws.toml", ("law = \"samson\"", "heading = \"hold\""), "heading", &["robot.samson.controller.heading: must be \"steer\"", "degree of mobility is 2"]),
+    row("car-on-the-spot", CAR, ("kind = \"route\"\nlaw", "kind = \"homing\"\nlaw"), "kind = \"homing\"", &["robot.car.controller.kind: must be \"route\" for a robot that cannot turn on the spot"]),
+    row("motion-radii", "scenarios/motion.toml", ("straight_radius = 5.0", "straight_radius = 1e-4"), "[[robot.sensor]]", &["robot.bubble.sensor.motion.spot_radius: must be less than straight_radius"]).bare(),
+    row("no-trials", "scenarios/house-seeds.toml", ("trials = 10000", "trials = 0"), "trials", &["batch.trials: must be in [1, 1000000000], got 0"]).bare(),
+    row("draw-upside-down", "scenarios/house-seeds.toml", ("trials = 10000", "vary = [{ path = \"seed\", draw = { kind = \"uniform\", low = 2.0, high = 1.0 } }]"), "vary", &["batch.vary.0.draw.high: must be at least low = 2, got 1"]).bare(),
     // Steering, noise, statistics.
     row("odometry-of-steered", CAR, ("[robot.controller]", "[[robot.sensor]]\nkind = \"odometry\"\nperiod = 0.01\n\n[robot.controller]"), "[[robot.sensor]]", &["robot.car.sensor.odometry: must be of another kind"]),
     row("skid-steer-turns", CAR, ("car-tenth.toml", "husky-a200.toml"), "[[robot]]", &["robot.car.level: must be one whose wheels may slip", "ideal rolling has no solution that turns", "slip"]),

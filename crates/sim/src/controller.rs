@@ -139,6 +139,7 @@ pub fn read_columns(file: &FilePath, names: &[&str]) -> Result<Vec<Vec<f64>>, St
         };
         names.iter().map(place).collect()
     })
+    .map(|(_, columns)| columns)
 }
 
 /// Reads time, from the first column, and one column of a CSV file with a header row.
@@ -146,7 +147,7 @@ pub fn read_columns(file: &FilePath, names: &[&str]) -> Result<Vec<Vec<f64>>, St
 /// # Errors
 /// As [`read_columns`], or times that do not increase.
 pub fn read_table(file: &FilePath, column: &str) -> Result<(Vec<f64>, Vec<f64>), String> {
-    let mut columns = read_csv(file, &|header| {
+    let (lines, mut columns) = read_csv(file, &|header| {
         let found = header.iter().position(|known| *known == column);
         found
             .map(|place| vec![0, place])
@@ -154,10 +155,10 @@ pub fn read_table(file: &FilePath, column: &str) -> Result<(Vec<f64>, Vec<f64>),
     })?;
     let (values, times) = (columns.pop(), columns.pop());
     let (values, times) = (values.unwrap_or_default(), times.unwrap_or_default());
-    if let Some(pair) = times.windows(2).find(|pair| pair[1] <= pair[0]) {
+    if let Some(k) = (1..times.len()).find(|&k| times[k] <= times[k - 1]) {
         return Err(format!(
-            "times must increase, got {} after {}",
-            pair[1], pair[0]
+            "line {}: times must increase, got {}",
+            lines[k], times[k]
         ));
     }
     Ok((times, values))
@@ -166,7 +167,8 @@ pub fn read_table(file: &FilePath, column: &str) -> Result<(Vec<f64>, Vec<f64>),
 /// Picks columns by the names of a header row.
 type Pick<'a> = &'a dyn Fn(&[&str]) -> Result<Vec<usize>, String>;
 
-fn read_csv(file: &FilePath, pick: Pick<'_>) -> Result<Vec<Vec<f64>>, String> {
+/// Lines of the rows, from 1, and the columns picked.
+fn read_csv(file: &FilePath, pick: Pick<'_>) -> Result<(Vec<usize>, Vec<Vec<f64>>), String> {
     let mut text = String::new();
     std::fs::File::open(file)
         .and_then(|open| open.take(TABLE_BYTES_MAX + 1).read_to_string(&mut text))
@@ -187,7 +189,9 @@ fn read_csv(file: &FilePath, pick: Pick<'_>) -> Result<Vec<Vec<f64>>, String> {
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let places = pick(&names)?;
     let mut columns = vec![Vec::new(); places.len()];
+    let mut numbers = Vec::new();
     for (line, row) in lines {
+        numbers.push(line + 1);
         let cells: Vec<&str> = row.split(',').map(str::trim).collect();
         for (column, &place) in columns.iter_mut().zip(&places) {
             let text = cells.get(place).copied().unwrap_or_default();
@@ -204,7 +208,7 @@ fn read_csv(file: &FilePath, pick: Pick<'_>) -> Result<Vec<Vec<f64>>, String> {
     if columns.iter().any(Vec::is_empty) {
         return Err("must have at least one row below the header".into());
     }
-    Ok(columns)
+    Ok((numbers, columns))
 }
 
 /// Open loop: one waveform per output.

@@ -318,7 +318,7 @@ impl Batch {
         let Some(file) = plan.and_then(|batch| batch.mark.as_ref()) else {
             return Ok(BTreeMap::new());
         };
-        let loaded = scenario::load(&self.loaded.folder.join(file), &vec![])?;
+        let loaded = scenario::load(&self.loaded.folder.join(file), &[])?;
         let mut run = Run::new(&loaded, 0)?;
         let summary = run.execute(&mut Nothing, &mut |_| {});
         let summary = summary.expect("nothing is written that could fail");

@@ -392,7 +392,9 @@ fn shape<T: DeserializeOwned>(
         let message = error.inner().message().trim();
         let message = message.replace("unit variant", &got);
         let (problem, hint, key) = explain(&message);
-        let key = key.or_else(|| current.and_then(|value| culprit(value, &message)));
+        // A key that is unknown deep inside is found there.
+        let found = current.and_then(|value| culprit(value, &message));
+        let key = found.or(key);
         if let Some(key) = key
             && path.rsplit('.').next() != Some(&key)
         {
@@ -408,6 +410,22 @@ fn shape<T: DeserializeOwned>(
 /// The path, within a table, of the value a message speaks of: below a `kind`, serde names the
 /// table only. None if the value itself is meant, or several could be.
 fn culprit(value: &Value, message: &str) -> Option<String> {
+    let quoted = message.split('`').nth(1);
+    let only = |fits: &dyn Fn(&str, &Value) -> bool| {
+        let mut fitting = Vec::new();
+        descend(value, "", &mut |path, inner| {
+            if fits(path, inner) {
+                fitting.push(path.to_owned());
+            }
+        });
+        fitting.pop().filter(|_| fitting.is_empty())
+    };
+    if message.starts_with("unknown variant") {
+        return only(&|_, inner| inner.as_str() == quoted);
+    }
+    if message.starts_with("unknown field") {
+        return only(&|path, _| path.rsplit('.').next() == quoted);
+    }
     let got = ["invalid type: ", "invalid value: "]
         .iter()
         .find_map(|start| message.strip_prefix(start))
@@ -416,13 +434,7 @@ fn culprit(value: &Value, message: &str) -> Option<String> {
     if described(value) == got {
         return None;
     }
-    let mut fitting = Vec::new();
-    descend(value, "", &mut |path, inner| {
-        if described(inner) == got {
-            fitting.push(path.to_owned());
-        }
-    });
-    fitting.pop().filter(|_| fitting.is_empty())
+    only(&|_, inner| described(inner) == got)
 }
 
 /// Calls `visit` with every value below `value` and its path.
