@@ -204,10 +204,13 @@ pub struct InverseOptions {
 
 /// Options of `batch`.
 #[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct BatchOptions {
+    #[command(subcommand)]
+    pub command: Option<BatchCommand>,
     /// Scenario file; its table [batch] holds the same settings.
-    #[arg(value_name = "SCENARIO")]
-    pub scenario: PathBuf,
+    #[arg(value_name = "SCENARIO", required = true)]
+    pub scenario: Option<PathBuf>,
     #[command(flatten)]
     pub changes: Changes,
     /// Number of trials [default: that of the file, or 1000].
@@ -221,9 +224,36 @@ pub struct BatchOptions {
     /// Threads; all cores if left out. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
+    /// Run one share of the batch only, such as 3/16; `appell batch merge` joins the folders.
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<String>,
     /// Output folder [default: runs/NAME-batch]. A batch that was broken off goes on where it was.
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Print the summary as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Write no report.
+    #[arg(long)]
+    pub no_report: bool,
+}
+
+/// What to do with batches that were run.
+#[derive(Subcommand)]
+pub enum BatchCommand {
+    /// Join the folders of shards into one batch, and sum it up.
+    Merge(MergeOptions),
+}
+
+/// Options of `batch merge`.
+#[derive(Args)]
+pub struct MergeOptions {
+    /// Folders of the shards.
+    #[arg(required = true, value_name = "DIR")]
+    pub folders: Vec<PathBuf>,
+    /// Output folder.
+    #[arg(long)]
+    pub out: PathBuf,
     /// Print the summary as JSON instead of a table.
     #[arg(long)]
     pub json: bool,

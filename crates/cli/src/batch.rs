@@ -3,22 +3,25 @@
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use appell_sim::batch::{self, Batch, BatchError, BatchSummary};
-use appell_sim::report::Press;
+use appell_sim::batch::{self, Batch, BatchError, BatchSummary, Picture, Row, Shard, Store};
+use appell_sim::record::{Memory, Recorder};
+use appell_sim::report::{self, Press};
 use appell_sim::scenario::TRIALS_MAX;
 
-use crate::arguments::BatchOptions;
+use crate::arguments::{BatchCommand, BatchOptions, MergeOptions};
 use crate::{exit, terminal};
 
-/// Runs many trials of a scenario.
+/// Exit code and what to print.
+type Failure = (u8, String);
+
+/// Runs many trials of a scenario, or joins shards of them.
 pub fn batch(options: &BatchOptions) -> u8 {
-    match run(options) {
-        Ok((summary, folder)) => {
-            let text = if options.json {
-                serde_json::to_string_pretty(&summary).expect("a summary is plain data")
-            } else {
-                text(&summary, &folder, options)
-            };
+    let done = match &options.command {
+        Some(BatchCommand::Merge(options)) => join(options),
+        None => run(options),
+    };
+    match done {
+        Ok(text) => {
             terminal::print(&text);
             exit::PASSED
         }
@@ -29,62 +32,132 @@ pub fn batch(options: &BatchOptions) -> u8 {
     }
 }
 
-fn run(options: &BatchOptions) -> Result<(BatchSummary, PathBuf), (u8, String)> {
-    let bad = |problem: String| (exit::BAD_INPUT, problem);
-    let failed = |error: BatchError| match error {
+fn failed(error: BatchError) -> Failure {
+    match error {
         BatchError::Scenario(_) => (exit::BAD_INPUT, error.to_string()),
         BatchError::Folder { .. } => (exit::OUTPUT, error.to_string()),
-    };
+    }
+}
+
+fn run(options: &BatchOptions) -> Result<String, Failure> {
+    let bad = |problem: String| (exit::BAD_INPUT, problem);
     let overrides = options.changes.overrides().map_err(bad)?;
     let vary: Result<Vec<_>, String> = options.vary.iter().map(|text| batch::parse(text)).collect();
     let vary = vary.map_err(|problem| bad(format!("--vary {problem}")))?;
+    let shard = options.shard.as_deref().map(Shard::parse).transpose();
+    let shard = shard.map_err(|problem| bad(format!("--shard {problem}")))?;
     if let Some(trials) = options.trials
         && !(1..=TRIALS_MAX).contains(&trials)
     {
-        return Err(bad(format!(
-            "--trials must be in [1, {TRIALS_MAX}], got {trials}"
-        )));
+        let problem = format!("--trials must be in [1, {TRIALS_MAX}], got {trials}");
+        return Err(bad(problem));
     }
-    let batch = Batch::new(&options.scenario, &overrides, options.trials, &vary).map_err(failed)?;
-    let marks = batch.marks().map_err(failed)?;
-    let name = &batch.loaded().scenario.name;
+    let file = options.scenario.as_ref().expect("clap asks for it");
+    let batch = Batch::new(file, &overrides, options.trials, &vary).map_err(failed)?;
+    let manifest = batch.manifest();
     let folder = options
         .out
         .clone()
-        .unwrap_or_else(|| Path::new("runs").join(format!("{name}-batch")));
-    let progress = terminal::Progress::new(name, batch.trials() as f64, "trials/s");
-    let progress = Mutex::new(progress);
+        .unwrap_or_else(|| Path::new("runs").join(format!("{}-batch", manifest.scenario)));
+    let store = Store::open(&folder, manifest).map_err(failed)?;
+    let bar = terminal::Progress::new(&manifest.scenario, manifest.trials as f64, "trials/s");
+    let progress = Mutex::new(bar);
     let told = |done: u64| {
         if let Ok(mut progress) = progress.try_lock() {
             progress.at(done as f64);
         }
     };
     let threads = options.threads.unwrap_or(0) as usize;
-    let summary = batch.execute(&folder, threads, &told).map_err(failed)?;
+    let own = shard.unwrap_or(Shard::WHOLE);
+    let count = batch.execute(&store, own, threads, &told).map_err(failed)?;
     if let Ok(progress) = progress.lock() {
         progress.done();
     }
+    if let Some(Shard { index, count: of }) = shard {
+        return Ok(format!(
+            "{}: shard {index} of {of}, {count} of {} trials, in {}\n  \
+             next: appell batch merge DIR… --out DIR",
+            manifest.scenario,
+            manifest.trials,
+            folder.display()
+        ));
+    }
+    let (summary, rows) = batch::sum_up(&store).map_err(failed)?;
+    let pictures = if options.no_report {
+        Vec::new()
+    } else {
+        pictures(&batch, &rows)?
+    };
+    let shown = write(&store, &summary, &rows, &pictures, !options.no_report)?;
+    Ok(printed(&summary, &folder, &shown, options.json))
+}
+
+fn join(options: &MergeOptions) -> Result<String, Failure> {
+    let store = batch::merge(&options.folders, &options.out).map_err(failed)?;
+    let (summary, rows) = batch::sum_up(&store).map_err(failed)?;
+    let shown = write(&store, &summary, &rows, &[], !options.no_report)?;
+    Ok(printed(&summary, &options.out, &shown, options.json))
+}
+
+/// Runs of the trials that are worth a look, once more.
+fn pictures(batch: &Batch, rows: &[Row]) -> Result<Vec<Picture>, Failure> {
+    let internal = |error: &dyn std::fmt::Display| (exit::INTERNAL, error.to_string());
+    let press = Press::new().map_err(|error| internal(&error))?;
+    let mut pictures = Vec::new();
+    for (title, trial) in batch::telling(batch.manifest(), rows) {
+        let (mut run, _) = batch.run(trial).map_err(|error| internal(&error))?;
+        let mut memory = Memory::bounded(crate::run::REPORT_ROWS);
+        let recorder: &mut dyn Recorder = &mut memory;
+        let summary = run
+            .execute(recorder, &mut |_| {})
+            .map_err(|error| internal(&error))?;
+        let data = report::data(&memory.into_recording(), &summary);
+        pictures.push(Picture {
+            title: title.into(),
+            trial,
+            reason: summary.reason,
+            svg: press.arena(&data).map_err(|error| internal(&error))?,
+        });
+    }
+    Ok(pictures)
+}
+
+/// Writes summary and report; the file to be looked at.
+fn write(
+    store: &Store,
+    summary: &BatchSummary,
+    rows: &[Row],
+    pictures: &[Picture],
+    with_report: bool,
+) -> Result<PathBuf, Failure> {
     let write = |name: &str, text: &str| {
-        let path = folder.join(name);
+        let path = store.folder().join(name);
         std::fs::write(&path, text).map_err(|error| {
             let hint = "choose another folder with --out, or make room";
-            let problem = format!(
-                "{}: cannot be written: {error}\n  hint: {hint}",
-                path.display()
-            );
+            let path = path.display();
+            let problem = format!("{path}: cannot be written: {error}\n  hint: {hint}");
             (exit::OUTPUT, problem)
-        })
+        })?;
+        Ok::<_, Failure>(path)
     };
-    let json = serde_json::to_string_pretty(&summary).expect("a summary is plain data");
-    write("batch.json", &(json + "\n"))?;
-    write("scenario.toml", &batch.loaded().resolved)?;
-    if !options.no_report {
-        let data = batch::report(&batch, &summary, &marks);
-        let page = Press::new().and_then(|press| press.batch(&data));
-        let page = page.map_err(|error| (exit::INTERNAL, error.to_string()))?;
-        write("report.html", &page)?;
+    let json = serde_json::to_string_pretty(summary).expect("a summary is plain data");
+    write("scenario.toml", &store.manifest().text)?;
+    let shown = write("batch.json", &(json + "\n"))?;
+    if !with_report {
+        return Ok(shown);
     }
-    Ok((summary, folder))
+    let data = batch::report(store.manifest(), summary, rows, pictures);
+    let page = Press::new().and_then(|press| press.batch(&data));
+    let page = page.map_err(|error| (exit::INTERNAL, error.to_string()))?;
+    write("report.html", &page)
+}
+
+fn printed(summary: &BatchSummary, folder: &Path, shown: &Path, json: bool) -> String {
+    if json {
+        serde_json::to_string_pretty(summary).expect("a summary is plain data")
+    } else {
+        text(summary, folder, shown)
+    }
 }
 
 /// Four significant digits.
@@ -97,7 +170,7 @@ fn digits(value: f64) -> String {
     terminal::number(value)
 }
 
-fn text(summary: &BatchSummary, folder: &Path, options: &BatchOptions) -> String {
+fn text(summary: &BatchSummary, folder: &Path, shown: &Path) -> String {
     let counts: Vec<String> = summary
         .verdicts
         .iter()
@@ -137,12 +210,20 @@ fn text(summary: &BatchSummary, folder: &Path, options: &BatchOptions) -> String
         out += line.trim_end();
         out.push('\n');
     }
-    let report = if options.no_report {
-        folder.join("batch.json")
-    } else {
-        folder.join("report.html")
-    };
+    let strong = summary
+        .influences
+        .iter()
+        .filter(|i| i.correlation.abs() > 0.3);
+    for (k, influence) in strong.take(8).enumerate() {
+        if k == 0 {
+            out += "  what the drawn values move most (rank correlation)\n";
+        }
+        out += &format!(
+            "  {:>8.2}  {} and {}\n",
+            influence.correlation, influence.drawn, influence.figure
+        );
+    }
     out += &format!("  rows: {}\n", folder.join("trials").display());
-    out += &format!("  report: {}\n", report.display());
+    out += &format!("  report: {}\n", shown.display());
     out
 }

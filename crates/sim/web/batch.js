@@ -22,7 +22,10 @@ import { clamp, escapeText, label, niceStep, plain, px, significant, textWidth, 
  * @property {string | null} marked file of the run whose figures are marked
  * @property {string} drawn group of the drawn values
  * @property {string} text
+ * @property {Scatter[]} scatters
+ * @property {{ title: string, trial: number, reason: string, svg: string }[]} pictures
  */
+/** @typedef {{ influence: { drawn: string, figure: string, correlation: number }, x: (number | null)[], y: (number | null)[], passed: boolean[] }} Scatter */
 
 const CELL = { width: 360, height: 148, left: 12, right: 12, top: 40, bottom: 26 };
 
@@ -99,6 +102,72 @@ function histogram(figure, mark) {
   return `<svg class="picture" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" role="img" aria-label="Distribution of ${escapeText(figure.name)}">${title}<path d="M${left} ${px(floor)}H${width - right}" class="frame"/>${bars}${middle}${ticks}${marker}</svg>`;
 }
 
+/**
+ * Ticks along an axis: as many as have room.
+ * @param {number} from
+ * @param {number} to
+ * @param {number} count at most
+ */
+function ticksOf(from, to, count) {
+  const step = niceStep(to - from, count);
+  const values = [];
+  for (let value = Math.ceil(from / step - 1e-9) * step; value <= to + step * 1e-6; value += step) values.push(value);
+  return { step, values };
+}
+
+/**
+ * A figure against a drawn value, one point for a trial.
+ * @param {Scatter} scatter
+ * @param {Figure | undefined} figure
+ */
+function cloud(scatter, figure) {
+  const width = 360;
+  const height = 236;
+  const box = { left: 54, right: 12, top: 26, bottom: 40 };
+  const { influence } = scatter;
+  const known = (/** @type {(number | null)[]} */ values) => /** @type {number[]} */ (values.filter(v => v !== null));
+  const range = (/** @type {number[]} */ values) => {
+    const low = Math.min(...values);
+    const high = Math.max(...values);
+    const room = (high - low || Math.abs(high) || 1) * 0.04;
+    return [low - room, high + room];
+  };
+  const [x0, x1] = range(known(scatter.x));
+  const [y0, y1] = range(known(scatter.y));
+  const x = (/** @type {number} */ v) => box.left + (v - x0) / (x1 - x0) * (width - box.left - box.right);
+  const y = (/** @type {number} */ v) => height - box.bottom - (v - y0) / (y1 - y0) * (height - box.top - box.bottom);
+  const across = ticksOf(x0, x1, 4);
+  const up = ticksOf(y0, y1, 4);
+  const grid = across.values.map(v => `<path d="M${px(x(v))} ${box.top}V${height - box.bottom}" class="grid"/>${label(x(v), height - box.bottom + 15, tickText(v, across.step), 'tick', 'middle')}`).join('')
+    + up.values.map(v => `<path d="M${box.left} ${px(y(v))}H${width - box.right}" class="grid"/>${label(box.left - 6, y(v) + 4, tickText(v, up.step), 'tick', 'end')}`).join('');
+  const points = scatter.x.map((v, k) => {
+    const w = scatter.y[k];
+    if (v === null || w === null) return '';
+    return `<circle cx="${px(x(v))}" cy="${px(y(w))}" r="2.1" class="${scatter.passed[k] ? 'f-blue' : 'f-vermilion'}" fill-opacity=".45"/>`;
+  }).join('');
+  const unit = figure && figure.unit && figure.unit !== '1' ? `, ${figure.unit}` : '';
+  const title = `<text x="${box.left}" y="14" class="bold">${escapeText(fitted(influence.figure, 210, 12.5))}<tspan class="note" font-weight="400">${escapeText(unit)}</tspan></text>${label(width - box.right, 14, `ρ = ${influence.correlation.toFixed(2)}`, 'note', 'end')}`;
+  const below = label((box.left + width - box.right) / 2, height - 6, fitted(influence.drawn, width - box.left, 12), '', 'middle');
+  return `<svg class="picture" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" role="img" aria-label="${escapeText(influence.figure)} against ${escapeText(influence.drawn)}">${title}${grid}${points}${below}</svg>`;
+}
+
+/** @param {BatchData} data */
+function influenceSection(data) {
+  if (data.scatters.length === 0) return '';
+  const figureOf = (/** @type {string} */ name) => data.summary.figures.find(figure => figure.name === name);
+  const clouds = data.scatters.map(scatter => cloud(scatter, figureOf(scatter.influence.figure))).join('');
+  const failed = data.scatters.some(scatter => scatter.passed.includes(false)) && data.summary.success;
+  return `<section aria-label="What matters"><h2>What the drawn values move most <small>ρ: rank correlation, 1 where one always rises with the other, −1 where it falls${failed ? '; red: trials that did not pass' : ''}</small></h2><div class="cells">${clouds}</div></section>`;
+}
+
+/** @param {BatchData} data */
+function pictureSection(data) {
+  if (data.pictures.length === 0) return '';
+  // As images: each picture has ids and a style sheet of its own.
+  const figures = data.pictures.map(picture => `<figure><figcaption><b>${escapeText(picture.title)}</b>, trial ${picture.trial}<br><span class="quiet">${escapeText(picture.reason)}</span></figcaption><img alt="Arena with the path driven in trial ${picture.trial}" src="data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}"></figure>`).join('');
+  return `<section aria-label="Trials"><h2>Trials worth a look <small>run once more, the same to the last bit</small></h2><div class="shots">${figures}</div></section>`;
+}
+
 /** @param {number} value */
 function percent(value) {
   const shown = 100 * value;
@@ -159,7 +228,7 @@ export function batchBody(data) {
   const key = `<p class="quiet">Bars: trials in each of 40 equal intervals. Thick line: the middle 90 %. Thin line: median.${data.marked ? ` Red line: the run of ${escapeText(data.marked)}, and the share of trials below it.` : ''}</p>`;
   const facts = [['version', `appell ${data.summary.version}`], ['seed', data.summary.seed], ['trials', data.summary.trials]];
   const footer = `<footer><dl>${facts.map(([k, v]) => `<div><dt>${k}</dt><dd>${escapeText(v)}</dd></div>`).join('')}<div class="hash"><dt>hash</dt><dd>${escapeText(data.summary.hash)}</dd></div><div class="hash"><dt>root of the rows</dt><dd>${escapeText(data.summary.root)}</dd></div></dl></footer>`;
-  return `<main class="batch">\n${batchHeader(data)}\n${failureTable(data)}\n${key}\n${groups.map(group => groupOf(data, group)).join('\n')}\n<section aria-label="Scenario"><h2>Scenario <small>${escapeText(data.summary.scenario)}</small></h2><pre tabindex="0">${escapeText(data.text.trim())}</pre></section>${footer}\n</main>`;
+  return `<main class="batch">\n${batchHeader(data)}\n${failureTable(data)}\n${pictureSection(data)}\n${influenceSection(data)}\n${key}\n${groups.map(group => groupOf(data, group)).join('\n')}\n<section aria-label="Scenario"><h2>Scenario <small>${escapeText(data.summary.scenario)}</small></h2><pre tabindex="0">${escapeText(data.text.trim())}</pre></section>${footer}\n</main>`;
 }
 
 /**

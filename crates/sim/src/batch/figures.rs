@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{Batch, DRAWN, Row};
+use super::{DRAWN, Manifest, Row};
 
 /// Share of trials that passed, with the interval that holds the true share with 95 %.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
@@ -68,6 +68,37 @@ pub struct BatchSummary {
     pub failures: Vec<(String, u64)>,
     /// The figures.
     pub figures: Vec<Figure>,
+    /// How much drawn values have to do with the figures, the most first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub influences: Vec<Influence>,
+}
+
+/// How much a drawn value has to do with a figure.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Influence {
+    /// Column of the drawn value.
+    pub drawn: String,
+    /// Column of the figure, or [`PASSED`].
+    pub figure: String,
+    /// Spearman's rank correlation, −1 to 1: of the ranks, so that any curve that rises counts as
+    /// much as a straight one.
+    pub correlation: f64,
+}
+
+/// Name of the figure that is 1 for a trial that passed and 0 for another.
+pub const PASSED: &str = "passed";
+
+/// A run of one trial, to be shown.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Picture {
+    /// Which it is, such as `the quickest`.
+    pub title: String,
+    /// Number of the trial.
+    pub trial: u64,
+    /// What became of it.
+    pub reason: String,
+    /// The arena with its path, as SVG.
+    pub svg: String,
 }
 
 /// 97.5 % quantile of the normal distribution.
@@ -145,8 +176,79 @@ fn kind_of(reason: &str) -> String {
     text
 }
 
-pub(super) fn sum_up(batch: &Batch, rows: &[Row], root: String) -> BatchSummary {
-    let scenario = &batch.loaded.scenario;
+/// Ranks of values from 0; equal ones share the mean of theirs.
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    let mut ranks = vec![0.0; values.len()];
+    let mut from = 0;
+    while from < order.len() {
+        let same = |k: &usize| values[order[*k]] == values[order[from]];
+        let to = (from..order.len()).take_while(same).count() + from;
+        for &k in &order[from..to] {
+            ranks[k] = 0.5 * (from + to - 1) as f64;
+        }
+        from = to;
+    }
+    ranks
+}
+
+/// Spearman's rank correlation of pairs; none where either does not vary.
+pub(super) fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
+    let (a, b) = (ranks(a), ranks(b));
+    let middle = 0.5 * (a.len().max(1) - 1) as f64;
+    let sum = |a: &[f64], b: &[f64]| -> f64 {
+        let pairs = a.iter().zip(b);
+        pairs.map(|(a, b)| (a - middle) * (b - middle)).sum()
+    };
+    let size = (sum(&a, &a) * sum(&b, &b)).sqrt();
+    (size > 0.0).then(|| sum(&a, &b) / size)
+}
+
+/// Values of a column; of [`PASSED`] what its name says.
+fn column(manifest: &Manifest, rows: &[Row], name: &str) -> Vec<f64> {
+    let place = manifest.columns.iter().position(|known| known.name == name);
+    let value = |row: &Row| match place {
+        Some(place) => row.values[place],
+        None => f64::from(u8::from(row.verdict == "passed")),
+    };
+    rows.iter().map(value).collect()
+}
+
+fn influences(manifest: &Manifest, rows: &[Row]) -> Vec<Influence> {
+    let (drawn, mut figures): (Vec<&str>, Vec<&str>) = (
+        (manifest.columns.iter().filter(|c| c.group == DRAWN))
+            .map(|c| c.name.as_str())
+            .collect(),
+        (manifest.columns.iter().filter(|c| c.group != DRAWN))
+            .map(|c| c.name.as_str())
+            .collect(),
+    );
+    if manifest.has_task && !figures.contains(&PASSED) {
+        figures.insert(0, PASSED);
+    }
+    let mut found = Vec::new();
+    for drawn in drawn {
+        let values = column(manifest, rows, drawn);
+        for &figure in &figures {
+            let others = column(manifest, rows, figure);
+            let both = values.iter().zip(&others);
+            let both = both.filter(|(a, b)| a.is_finite() && b.is_finite());
+            let (a, b): (Vec<f64>, Vec<f64>) = both.unzip();
+            if let Some(correlation) = correlation(&a, &b) {
+                found.push(Influence {
+                    drawn: drawn.into(),
+                    figure: figure.into(),
+                    correlation,
+                });
+            }
+        }
+    }
+    found.sort_by(|a, b| b.correlation.abs().total_cmp(&a.correlation.abs()));
+    found
+}
+
+pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSummary {
     let mut verdicts: BTreeMap<String, u64> = BTreeMap::new();
     let mut reasons: BTreeMap<String, u64> = BTreeMap::new();
     for row in rows {
@@ -157,41 +259,97 @@ pub(super) fn sum_up(batch: &Batch, rows: &[Row], root: String) -> BatchSummary 
     }
     let mut failures: Vec<(String, u64)> = reasons.into_iter().collect();
     failures.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    let has_task = scenario.robot.iter().any(|robot| robot.task.is_some());
     let passed = verdicts.get("passed").copied().unwrap_or(0);
-    let figures = batch.columns.iter().enumerate().filter_map(|(k, column)| {
-        let values = rows.iter().map(|row| row.values[k]).collect();
-        figure(&column.name, &column.unit, &column.group, values)
-    });
+    let figures = manifest
+        .columns
+        .iter()
+        .enumerate()
+        .filter_map(|(k, column)| {
+            let values = rows.iter().map(|row| row.values[k]).collect();
+            figure(&column.name, &column.unit, &column.group, values)
+        });
     BatchSummary {
-        scenario: scenario.name.clone(),
-        title: scenario.title.clone(),
-        hash: batch.hash.clone(),
+        scenario: manifest.scenario.clone(),
+        title: manifest.title.clone(),
+        hash: manifest.hash.clone(),
         root,
-        seed: scenario.seed,
-        version: env!("CARGO_PKG_VERSION").into(),
+        seed: manifest.seed,
+        version: manifest.version.clone(),
         trials: rows.len() as u64,
         verdicts,
-        success: has_task.then(|| Success::of(passed, rows.len() as u64)),
+        success: (manifest.has_task).then(|| Success::of(passed, rows.len() as u64)),
         failures,
         figures: figures.collect(),
+        influences: influences(manifest, rows),
     }
 }
 
-/// What the report of a batch is drawn from; `marks` by the names of figures.
-pub fn report(batch: &Batch, summary: &BatchSummary, marks: &BTreeMap<String, f64>) -> Value {
-    let plan = batch.loaded.scenario.batch.as_ref();
-    let marked = plan.and_then(|batch| batch.mark.clone());
-    let marks: BTreeMap<&String, f64> = marks
+/// Trials worth a look, with what they are: the quickest, the median and the slowest of those that
+/// passed, and the first that failed.
+pub fn telling(manifest: &Manifest, rows: &[Row]) -> Vec<(&'static str, u64)> {
+    let times = column(manifest, rows, "time");
+    let mut passed: Vec<(f64, u64)> = rows
         .iter()
-        .filter(|(_, value)| value.is_finite())
-        .map(|(name, value)| (name, *value))
+        .zip(times)
+        .filter(|(row, _)| row.verdict == "passed")
+        .map(|(row, time)| (time, row.trial))
+        .collect();
+    passed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut found: Vec<(&'static str, u64)> = Vec::new();
+    if let (Some(first), Some(last)) = (passed.first(), passed.last()) {
+        found.push(("the quickest", first.1));
+        if passed.len() > 2 {
+            found.push(("the median by time", passed[passed.len() / 2].1));
+        }
+        if passed.len() > 1 {
+            found.push(("the slowest that passed", last.1));
+        }
+    }
+    if let Some(row) = rows.iter().find(|row| row.verdict == "failed") {
+        found.push(("the first that failed", row.trial));
+    }
+    found
+}
+
+/// Influences that are drawn as points, and points of each.
+const SCATTERS: usize = 9;
+const POINTS: usize = 600;
+
+/// What the report of a batch is drawn from.
+pub fn report(
+    manifest: &Manifest,
+    summary: &BatchSummary,
+    rows: &[Row],
+    pictures: &[Picture],
+) -> Value {
+    let every = rows.len().div_ceil(POINTS).max(1);
+    let scatter = |influence: &Influence| {
+        let [x, y] = [&influence.drawn, &influence.figure].map(|name| {
+            let values = column(manifest, rows, name).into_iter().step_by(every);
+            values
+                .map(|value| value.is_finite().then_some(value))
+                .collect::<Vec<_>>()
+        });
+        let passed: Vec<bool> = rows
+            .iter()
+            .step_by(every)
+            .map(|r| r.verdict == "passed")
+            .collect();
+        json!({"influence": influence, "x": x, "y": y, "passed": passed})
+    };
+    let scatters: Vec<Value> = summary
+        .influences
+        .iter()
+        .take(SCATTERS)
+        .map(scatter)
         .collect();
     json!({
         "summary": summary,
-        "marks": marks,
-        "marked": marked,
+        "marks": manifest.marks,
+        "marked": manifest.marked,
         "drawn": DRAWN,
-        "text": batch.loaded.resolved,
+        "text": manifest.text,
+        "scatters": scatters,
+        "pictures": pictures,
     })
 }

@@ -3,13 +3,15 @@
 //! A trial is a run of the scenario with its own number as the key of all random streams, and with
 //! the values that the scenario varies drawn for it. Its row holds verdict, drawn values and every
 //! figure of its summary. Rows are stored in parts of [`PART`] trials; a part is the same bytes
-//! whatever the number of threads, and a batch that was broken off goes on with those it lacks.
+//! whatever the number of threads or shards, and a batch that was broken off goes on with those it
+//! lacks.
 
 mod draw;
 mod figures;
 mod part;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -21,7 +23,8 @@ use crate::run::{Outcome, Run, Summary, hash};
 use crate::scenario::{self, Diagnostics, Loaded, Overrides, Vary};
 
 pub use draw::{parse, refuse};
-pub use figures::{BatchSummary, Figure, Success, report};
+pub use figures::{BatchSummary, Figure, Influence, Picture, Success, report, telling};
+pub use part::Store;
 
 /// Trials of a part.
 pub const PART: u64 = 256;
@@ -57,15 +60,87 @@ pub struct Row {
 /// Group of the columns of drawn values.
 pub const DRAWN: &str = "drawn";
 
+/// What a folder of rows belongs to: `batch.manifest`.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Manifest {
+    /// SHA-256 of all that the rows follow from.
+    pub hash: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Title of the scenario.
+    pub title: String,
+    /// Seed.
+    pub seed: u64,
+    /// Version of the program.
+    pub version: String,
+    /// Number of trials.
+    pub trials: u64,
+    /// Whether a robot has a task.
+    pub has_task: bool,
+    /// Columns of the rows' values: first those that are drawn.
+    pub columns: Vec<Column>,
+    /// File of the run whose figures are marked.
+    pub marked: Option<String>,
+    /// Its figures, by the names of columns.
+    pub marks: BTreeMap<String, f64>,
+    /// The resolved scenario.
+    pub text: String,
+}
+
+impl Manifest {
+    /// Number of parts.
+    pub fn parts(&self) -> u64 {
+        self.trials.div_ceil(PART)
+    }
+
+    /// Trials of a part.
+    pub fn trials_of(&self, part: u64) -> Range<u64> {
+        part * PART..((part + 1) * PART).min(self.trials)
+    }
+}
+
+/// A share of a batch: the `index`-th of `count`, from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Which, from 1.
+    pub index: u64,
+    /// Of how many.
+    pub count: u64,
+}
+
+impl Shard {
+    /// The whole batch.
+    pub const WHOLE: Shard = Shard { index: 1, count: 1 };
+
+    /// Reads `3/16`.
+    ///
+    /// # Errors
+    /// What it must be.
+    pub fn parse(text: &str) -> Result<Shard, String> {
+        let wrong =
+            || format!("must be I/N with 1 <= I <= N <= 1000000, such as 3/16; got \"{text}\"");
+        let (index, count) = text.split_once('/').ok_or_else(wrong)?;
+        let (index, count) = (index.trim().parse(), count.trim().parse());
+        match (index, count) {
+            (Ok(index), Ok(count)) if index >= 1 && index <= count && count <= 1_000_000 => {
+                Ok(Shard { index, count })
+            }
+            _ => Err(wrong()),
+        }
+    }
+
+    /// Whether a part, of `parts`, belongs to it: shards take ranges of parts.
+    fn has(&self, part: u64, parts: u64) -> bool {
+        part * self.count / parts == self.index - 1
+    }
+}
+
 /// A batch, ready to run.
 pub struct Batch {
     file: PathBuf,
     overrides: Vec<(String, String)>,
     loaded: Loaded,
-    trials: u64,
-    columns: Vec<Column>,
-    /// SHA-256 of all that its rows follow from.
-    hash: String,
+    manifest: Manifest,
 }
 
 /// Why a batch ended.
@@ -121,20 +196,36 @@ impl Batch {
         plan.trials = trials.unwrap_or(plan.trials);
         plan.vary.extend_from_slice(vary);
         loaded.scenario.batch = Some(plan.clone());
+        let marks = match &plan.mark {
+            Some(file) => marks(&loaded.folder.join(file))?,
+            None => BTreeMap::new(),
+        };
+        let scenario = &loaded.scenario;
+        let manifest = Manifest {
+            hash: String::new(),
+            scenario: scenario.name.clone(),
+            title: scenario.title.clone(),
+            seed: scenario.seed,
+            version: env!("CARGO_PKG_VERSION").into(),
+            trials: plan.trials,
+            has_task: scenario.robot.iter().any(|robot| robot.task.is_some()),
+            columns: Vec::new(),
+            marked: plan.mark.clone(),
+            marks,
+            text: loaded.resolved.clone(),
+        };
         let mut batch = Batch {
             file: file.to_owned(),
             overrides: overrides.to_vec(),
             loaded,
-            trials: plan.trials,
-            columns: Vec::new(),
-            hash: String::new(),
+            manifest,
         };
         let drawn = plan.vary.iter().map(|vary| Column {
             name: vary.path.clone(),
             unit: String::new(),
             group: DRAWN.into(),
         });
-        batch.columns = drawn.collect();
+        batch.manifest.columns = drawn.collect();
         let probes = PROBES.min(plan.trials);
         for trial in 0..probes {
             // A first trial that cannot be built is a mistake of the scenario; others are rows.
@@ -144,19 +235,20 @@ impl Batch {
                 Err(_) => continue,
             };
             for (column, _) in figures_of(&summary) {
-                if !batch.columns.iter().any(|known| known.name == column.name) {
-                    batch.columns.push(column);
+                let columns = &mut batch.manifest.columns;
+                if !columns.iter().any(|known| known.name == column.name) {
+                    columns.push(column);
                 }
             }
         }
         // The first rows stand for all that the text only names, such as the files it reads.
         let probed: Vec<Row> = (0..probes).map(|trial| batch.trial(trial)).collect();
-        batch.hash = hash(&format!(
+        batch.manifest.hash = hash(&format!(
             "{}\n{}\n{}\n{}\n{}",
             batch.loaded.resolved,
             env!("CARGO_PKG_VERSION"),
             serde_json::to_string(&plan).expect("a plan is plain data"),
-            serde_json::to_string(&batch.columns).expect("columns are plain data"),
+            serde_json::to_string(&batch.manifest.columns).expect("columns are plain data"),
             part::root(&[part::leaf(&probed)]),
         ));
         Ok(batch)
@@ -167,14 +259,9 @@ impl Batch {
         &self.loaded
     }
 
-    /// Number of trials.
-    pub fn trials(&self) -> u64 {
-        self.trials
-    }
-
-    /// Columns of the rows' values: first those that are drawn.
-    pub fn columns(&self) -> &[Column] {
-        &self.columns
+    /// What its rows belong to.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
     }
 
     /// The scenario of a trial, with what is drawn for it.
@@ -212,7 +299,7 @@ impl Batch {
             trial,
             verdict: "invalid".into(),
             reason: String::new(),
-            values: vec![f64::NAN; self.columns.len()],
+            values: vec![f64::NAN; self.manifest.columns.len()],
             other: String::new(),
         };
         for (k, (_, value)) in self.drawn(trial).into_iter().enumerate() {
@@ -233,7 +320,8 @@ impl Batch {
         .into();
         let mut other = BTreeMap::new();
         for (column, value) in figures_of(&summary) {
-            let place = self.columns.iter().position(|c| c.name == column.name);
+            let mut columns = self.manifest.columns.iter();
+            let place = columns.position(|known| known.name == column.name);
             match place {
                 Some(place) => row.values[place] = value,
                 None => drop(other.insert(column.name, value)),
@@ -246,87 +334,147 @@ impl Batch {
         row
     }
 
-    /// Runs what a folder lacks, on `threads` threads (0: all cores), and sums it all up; `progress`
-    /// is told the number of trials that are done, from any thread.
+    /// Runs what a folder lacks of a shard, on `threads` threads (0: all cores); `progress` is told the
+    /// number of trials that are done, from any thread. The number of trials of the shard.
     ///
     /// # Errors
     /// The folder holds another batch, or cannot be written; what was written stays.
     pub fn execute(
         &self,
-        folder: &Path,
+        store: &Store,
+        shard: Shard,
         threads: usize,
         progress: &(dyn Fn(u64) + Sync),
-    ) -> Result<BatchSummary, BatchError> {
-        let store = part::Store::open(folder, &self.hash, &self.columns)?;
-        let parts = self.trials.div_ceil(PART);
-        let range = |part: u64| part * PART..((part + 1) * PART).min(self.trials);
-        let missing: Vec<u64> = (0..parts)
-            .filter(|&part| store.read(part, range(part)).is_none())
-            .collect();
-        let lacking: u64 = missing.iter().map(|&part| range(part).count() as u64).sum();
-        let done = AtomicU64::new(self.trials - lacking);
+    ) -> Result<u64, BatchError> {
+        let parts = self.manifest.parts();
+        let count = |parts: &[u64]| -> u64 {
+            let trials = |part: &u64| self.manifest.trials_of(*part);
+            parts.iter().map(|part| trials(part).count() as u64).sum()
+        };
+        let own: Vec<u64> = (0..parts).filter(|&part| shard.has(part, parts)).collect();
+        let mut missing = Vec::new();
+        for &part in &own {
+            if store.read(part)?.is_none() {
+                missing.push(part);
+            }
+        }
+        let whole = count(&own);
+        let done = AtomicU64::new(whole - count(&missing));
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .map_err(|error| BatchError::Folder {
-                path: folder.to_owned(),
+                path: store.folder().to_owned(),
                 problem: format!("no threads: {error}"),
                 hint: "ask for fewer with --threads",
             })?;
         let broken = AtomicBool::new(false);
-        let written: Result<Vec<()>, BatchError> = pool.install(|| {
-            missing
-                .par_iter()
-                .map(|&part| {
-                    let mut rows = Vec::with_capacity(PART as usize);
-                    for trial in range(part) {
-                        if broken.load(Ordering::Relaxed) {
-                            return Ok(());
-                        }
-                        rows.push(self.trial(trial));
-                        progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-                    }
-                    store.write(part, &rows).inspect_err(|_| {
-                        broken.store(true, Ordering::Relaxed);
-                    })
-                })
-                .collect()
-        });
-        written?;
-        let mut rows = Vec::with_capacity(self.trials as usize);
-        let mut leaves = Vec::new();
-        for part in 0..parts {
-            let Some(stored) = store.read(part, range(part)) else {
-                return Err(BatchError::Folder {
-                    path: store.path(part),
-                    problem: "cannot be read back".into(),
-                    hint: "run the batch again: it goes on with what is missing",
-                });
-            };
-            leaves.push(part::leaf(&stored));
-            rows.extend(stored);
-        }
-        Ok(figures::sum_up(self, &rows, part::root(&leaves)))
+        let run = |trial: u64| {
+            let row = (!broken.load(Ordering::Relaxed)).then(|| self.trial(trial));
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+            row
+        };
+        pool.install(|| {
+            missing.par_iter().try_for_each(|&part| {
+                let trials = self.manifest.trials_of(part).into_par_iter();
+                let rows: Option<Vec<Row>> = trials.map(run).collect();
+                match rows {
+                    None => Ok(()),
+                    Some(rows) => store
+                        .write(part, &rows)
+                        .inspect_err(|_| broken.store(true, Ordering::Relaxed)),
+                }
+            })
+        })?;
+        Ok(whole)
     }
 
-    /// Figures of the run that the scenario marks, by column name.
+    /// A run of one trial, for a look at it.
     ///
     /// # Errors
-    /// That scenario is wrong.
-    pub fn marks(&self) -> Result<BTreeMap<String, f64>, BatchError> {
-        let plan = self.loaded.scenario.batch.as_ref();
-        let Some(file) = plan.and_then(|batch| batch.mark.as_ref()) else {
-            return Ok(BTreeMap::new());
-        };
-        let loaded = scenario::load(&self.loaded.folder.join(file), &[])?;
-        let mut run = Run::new(&loaded, 0)?;
-        let summary = run.execute(&mut Nothing, &mut |_| {});
-        let summary = summary.expect("nothing is written that could fail");
-        let figures = figures_of(&summary).into_iter();
-        Ok(figures
-            .map(|(column, value)| (column.name, value))
-            .collect())
+    /// What was drawn makes no scenario.
+    pub fn run(&self, trial: u64) -> Result<(Run, Loaded), Diagnostics> {
+        let loaded = self.scenario(trial)?;
+        Ok((Run::new(&loaded, trial)?, loaded))
     }
+}
+
+/// Figures of the run of a scenario, by the names of columns.
+fn marks(file: &Path) -> Result<BTreeMap<String, f64>, BatchError> {
+    let mut run = Run::new(&scenario::load(file, &[])?, 0)?;
+    let summary = run.execute(&mut Nothing, &mut |_| {});
+    let summary = summary.expect("nothing is written that could fail");
+    let figures = figures_of(&summary).into_iter();
+    let known = figures.filter(|(_, value)| value.is_finite());
+    Ok(known.map(|(column, value)| (column.name, value)).collect())
+}
+
+/// All rows of a folder, and what they say.
+///
+/// # Errors
+/// Parts are missing or cannot be read.
+pub fn sum_up(store: &Store) -> Result<(BatchSummary, Vec<Row>), BatchError> {
+    let manifest = store.manifest();
+    let mut rows = Vec::with_capacity(manifest.trials as usize);
+    let (mut leaves, mut missing) = (Vec::new(), Vec::new());
+    for part in 0..manifest.parts() {
+        match store.read(part)? {
+            Some(stored) => {
+                leaves.push(part::leaf(&stored));
+                rows.extend(stored);
+            }
+            None => missing.push(part),
+        }
+    }
+    if let Some(first) = missing.first() {
+        return Err(BatchError::Folder {
+            path: store.folder().to_owned(),
+            problem: format!(
+                "lacks {} of {} parts, the first from trial {}",
+                missing.len(),
+                manifest.parts(),
+                first * PART
+            ),
+            hint: "run the shards that are missing; a batch goes on with what it lacks",
+        });
+    }
+    let summary = figures::sum_up(manifest, &rows, part::root(&leaves));
+    Ok((summary, rows))
+}
+
+/// Brings the parts of several folders of one batch into one.
+///
+/// # Errors
+/// The folders hold different batches, two attempts at one part differ, or writing failed.
+pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Store, BatchError> {
+    let stores: Result<Vec<Store>, BatchError> = folders
+        .iter()
+        .map(|folder| Store::existing(folder))
+        .collect();
+    let stores = stores?;
+    let Some(first) = stores.first() else {
+        return Err(BatchError::Folder {
+            path: out.to_owned(),
+            problem: "has nothing to be merged from".into(),
+            hint: "name the folders of the shards",
+        });
+    };
+    let merged = Store::open(out, first.manifest())?;
+    for store in &stores {
+        if store.manifest().hash != merged.manifest().hash {
+            return Err(BatchError::Folder {
+                path: store.folder().to_owned(),
+                problem: format!("holds another batch than {}", first.folder().display()),
+                hint: "merge shards of one scenario, with the same settings and version",
+            });
+        }
+        for part in 0..merged.manifest().parts() {
+            if let Some(rows) = store.read(part)? {
+                merged.write(part, &rows)?;
+            }
+        }
+    }
+    Ok(merged)
 }
 
 /// Every figure of a summary with its column.

@@ -1,7 +1,6 @@
 //! Parts of a batch on disk: Parquet files of [`super::PART`] rows, each written whole or not at all.
 
 use std::fs;
-use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,7 +17,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{Type, TypePtr};
 use sha2::{Digest, Sha256};
 
-use super::{BatchError, Column, Row};
+use super::{BatchError, Column, Manifest, Row};
 
 /// Columns of text after the trial's number.
 const TEXTS: [&str; 3] = ["verdict", "reason", "other"];
@@ -56,28 +55,40 @@ pub(super) fn root(leaves: &[Hash]) -> String {
             .collect();
     }
     let root = level.first().copied().unwrap_or_default();
-    root.iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&root)
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The folder of a batch's parts.
-pub(super) struct Store {
+///
+/// A part is a file whose name holds the hash of its rows: a file that does not fit its name is
+/// damaged, and two that fit theirs and differ are two results of one computation.
+pub struct Store {
     folder: PathBuf,
-    columns: Vec<Column>,
+    manifest: Manifest,
+}
+
+fn unwritable(path: &Path, problem: impl std::fmt::Display) -> BatchError {
+    BatchError::Folder {
+        path: path.to_owned(),
+        problem: format!("cannot be written: {problem}"),
+        hint: "choose another folder with --out, or make room; the batch goes on with what is missing",
+    }
 }
 
 impl Store {
+    const MANIFEST: &str = "batch.manifest";
+
     /// Opens the folder of a batch, or makes it.
-    pub(super) fn open(folder: &Path, hash: &str, columns: &[Column]) -> Result<Store, BatchError> {
-        let fail = |path: &Path, error: std::io::Error| BatchError::Folder {
-            path: path.to_owned(),
-            problem: format!("cannot be written: {error}"),
-            hint: "choose another folder with --out, or make room",
-        };
-        let trials = folder.join("trials");
-        let manifest = folder.join("batch.hash");
-        if let Ok(stored) = fs::read_to_string(&manifest)
-            && stored.trim() != hash
-        {
+    ///
+    /// # Errors
+    /// It holds another batch, or cannot be written.
+    pub fn open(folder: &Path, manifest: &Manifest) -> Result<Store, BatchError> {
+        let path = folder.join(Self::MANIFEST);
+        if path.exists() && Self::existing(folder)?.manifest.hash != manifest.hash {
             return Err(BatchError::Folder {
                 path: folder.to_owned(),
                 problem: "holds another batch: another scenario, other settings or another version"
@@ -85,47 +96,142 @@ impl Store {
                 hint: "choose another folder with --out, or remove this one",
             });
         }
-        fs::create_dir_all(&trials).map_err(|error| fail(&trials, error))?;
-        fs::write(&manifest, format!("{hash}\n")).map_err(|error| fail(&manifest, error))?;
+        let trials = folder.join("trials");
+        fs::create_dir_all(&trials).map_err(|error| unwritable(&trials, error))?;
+        let text = serde_json::to_string_pretty(manifest).expect("a manifest is plain data");
+        put(&path, text.as_bytes())?;
         Ok(Store {
-            folder: trials,
-            columns: columns.to_vec(),
+            folder: folder.to_owned(),
+            manifest: manifest.clone(),
         })
     }
 
-    /// The file of a part.
-    pub(super) fn path(&self, part: u64) -> PathBuf {
-        self.folder.join(format!("part-{part:06}.parquet"))
-    }
-
-    /// Writes a part: to a file beside it, which then takes its name.
-    pub(super) fn write(&self, part: u64, rows: &[Row]) -> Result<(), BatchError> {
-        let path = self.path(part);
-        let fail = |problem: String| BatchError::Folder {
+    /// Opens the folder of a batch that was begun.
+    ///
+    /// # Errors
+    /// It is none.
+    pub fn existing(folder: &Path) -> Result<Store, BatchError> {
+        let path = folder.join(Self::MANIFEST);
+        let wrong = |problem: String| BatchError::Folder {
             path: path.clone(),
-            problem: format!("cannot be written: {problem}"),
-            hint: "make room, and run the batch again: it goes on with what is missing",
+            problem,
+            hint: "name a folder that `appell batch` has written",
         };
-        let bytes = encode(&self.columns, rows).map_err(|error| fail(error.to_string()))?;
-        let draft = path.with_extension("draft");
-        let save = || -> std::io::Result<()> {
-            use std::io::Write;
-            let mut file = fs::File::create(&draft)?;
-            file.write_all(&bytes)?;
-            file.sync_all()?;
-            fs::rename(&draft, &path)
-        };
-        save().map_err(|error| fail(error.to_string()))
+        let text =
+            fs::read_to_string(&path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
+        let manifest = serde_json::from_str(&text)
+            .map_err(|error| wrong(format!("must be the manifest of a batch: {error}")))?;
+        Ok(Store {
+            folder: folder.to_owned(),
+            manifest,
+        })
     }
 
-    /// The rows of a part that is there whole.
-    pub(super) fn read(&self, part: u64, trials: Range<u64>) -> Option<Vec<Row>> {
-        let bytes = fs::read(self.path(part)).ok()?;
-        // The crate is not made for damaged files; a part that cannot be read is run again.
-        let rows = catch_unwind(AssertUnwindSafe(|| decode(&self.columns, bytes))).ok()?;
-        rows.ok()
-            .filter(|rows| rows.iter().map(|row| row.trial).eq(trials))
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
+
+    /// What the rows belong to.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    fn start(part: u64) -> String {
+        format!("part-{part:07}-")
+    }
+
+    /// Files that claim to be a part.
+    fn files(&self, part: u64) -> Vec<PathBuf> {
+        let start = Self::start(part);
+        let entries = fs::read_dir(self.folder.join("trials"));
+        let entries = entries.into_iter().flatten().flatten();
+        let mut files: Vec<PathBuf> = entries
+            .map(|entry| entry.path())
+            .filter(|path| {
+                let name = path.file_name().and_then(|name| name.to_str());
+                name.is_some_and(|name| name.starts_with(&start) && name.ends_with(".parquet"))
+            })
+            .collect();
+        files.sort();
+        files
+    }
+
+    fn name(part: u64, rows: &[Row]) -> String {
+        let hash = hex(&leaf(rows)[..8]);
+        format!("{}{hash}.parquet", Self::start(part))
+    }
+
+    /// Writes a part, under a name that it takes when it is whole.
+    ///
+    /// # Errors
+    /// Another result of the same part is there, or writing failed.
+    pub fn write(&self, part: u64, rows: &[Row]) -> Result<(), BatchError> {
+        let path = self.folder.join("trials").join(Self::name(part, rows));
+        match self.read(part)? {
+            Some(there) if leaf(&there) == leaf(rows) => return Ok(()),
+            Some(_) => return Err(self.differs(part)),
+            None => {}
+        }
+        for damaged in self.files(part) {
+            fs::remove_file(&damaged).map_err(|error| unwritable(&damaged, error))?;
+        }
+        let bytes = encode(&self.manifest.columns, rows).map_err(|e| unwritable(&path, e))?;
+        put(&path, &bytes)
+    }
+
+    fn differs(&self, part: u64) -> BatchError {
+        BatchError::Folder {
+            path: self.folder.clone(),
+            problem: format!(
+                "holds another result of part {part}: two runs of the same trials differ"
+            ),
+            hint: "one of both machines computes wrongly; run the part again on a third",
+        }
+    }
+
+    /// The rows of a part, if it is there whole.
+    ///
+    /// # Errors
+    /// It is there twice, with different rows.
+    pub fn read(&self, part: u64) -> Result<Option<Vec<Row>>, BatchError> {
+        let mut found: Option<Vec<Row>> = None;
+        for path in self.files(part) {
+            let Some(rows) = self.whole(part, &path) else {
+                continue;
+            };
+            if found.is_some() {
+                return Err(self.differs(part));
+            }
+            found = Some(rows);
+        }
+        Ok(found)
+    }
+
+    fn whole(&self, part: u64, path: &Path) -> Option<Vec<Row>> {
+        let bytes = fs::read(path).ok()?;
+        // The crate is not made for damaged files; a part that cannot be read is run again.
+        let decoded = AssertUnwindSafe(|| decode(&self.manifest.columns, bytes));
+        let rows = catch_unwind(decoded).ok()?.ok()?;
+        let trials = rows.iter().map(|row| row.trial);
+        let fits = trials.eq(self.manifest.trials_of(part))
+            && path.file_name()?.to_str()? == Self::name(part, &rows);
+        fits.then_some(rows)
+    }
+}
+
+/// Writes a file beside its place, and then lets it take its name.
+fn put(path: &Path, bytes: &[u8]) -> Result<(), BatchError> {
+    use std::io::Write;
+    // Two processes may write the same part at once.
+    let draft = path.with_extension(format!("draft{}", std::process::id()));
+    let save = || -> std::io::Result<()> {
+        let mut file = fs::File::create(&draft)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&draft, path)
+    };
+    save().map_err(|error| unwritable(path, error))
 }
 
 fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::figures::Success;
-use super::{Batch, PART, draw, part};
+use super::{Batch, PART, Shard, Store, draw, figures, merge, sum_up};
 use crate::scenario::Draw;
 
 fn shipped(name: &str) -> PathBuf {
@@ -39,41 +39,103 @@ fn batch(trials: u64) -> Batch {
     .unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// Runs a shard in a folder.
+fn shard(batch: &Batch, folder: &Path, shard: Shard, threads: usize) -> Store {
+    let store = Store::open(folder, batch.manifest()).unwrap_or_else(|error| panic!("{error}"));
+    batch
+        .execute(&store, shard, threads, &|_| {})
+        .unwrap_or_else(|error| panic!("{error}"));
+    store
+}
+
+fn root(store: &Store) -> String {
+    let (summary, _) = sum_up(store).unwrap_or_else(|error| panic!("{error}"));
+    summary.root
+}
+
+fn parts(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder.join("trials")).expect("parts");
+    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+    files.sort();
+    files
+}
+
 #[test]
-fn invariant_rows_do_not_depend_on_threads_or_breaks() {
-    let trials = 2 * PART + 20;
-    let batch = batch(trials);
+fn invariant_rows_do_not_depend_on_threads_breaks_or_shards() {
+    let batch = batch(2 * PART + 20);
     let mut roots = BTreeSet::new();
     for threads in [1, 2, 3] {
         let folder = scratch(&format!("threads-{threads}"));
-        let summary = batch.execute(&folder, threads, &|_| {}).expect("runs");
-        roots.insert(summary.root);
+        roots.insert(root(&shard(&batch, &folder, Shard::WHOLE, threads)));
         // A part that is gone, and one that is damaged, are run again; the others are not.
-        let file = |part: u64| folder.join(format!("trials/part-{part:06}.parquet"));
-        let untouched = std::fs::metadata(file(2))
-            .and_then(|m| m.modified())
-            .expect("a part");
-        std::fs::remove_file(file(0)).expect("removed");
-        let bytes = std::fs::read(file(1)).expect("a part");
-        std::fs::write(file(1), &bytes[..bytes.len() / 2]).expect("damaged");
-        let again = batch.execute(&folder, threads, &|_| {}).expect("runs");
-        roots.insert(again.root);
-        let after = std::fs::metadata(file(2))
-            .and_then(|m| m.modified())
-            .expect("a part");
-        assert_eq!(untouched, after);
+        let files = parts(&folder);
+        let age = |file: &PathBuf| {
+            std::fs::metadata(file)
+                .and_then(|m| m.modified())
+                .expect("a part")
+        };
+        let untouched = age(&files[2]);
+        std::fs::remove_file(&files[0]).expect("removed");
+        let bytes = std::fs::read(&files[1]).expect("a part");
+        std::fs::write(&files[1], &bytes[..bytes.len() / 2]).expect("damaged");
+        roots.insert(root(&shard(&batch, &folder, Shard::WHOLE, threads)));
+        assert_eq!((files.clone(), untouched), (parts(&folder), age(&files[2])));
         std::fs::remove_dir_all(&folder).expect("removed");
     }
+    for count in [2, 3, 10] {
+        let folders: Vec<PathBuf> = (1..=count)
+            .map(|index| {
+                let folder = scratch(&format!("shard-{index}-{count}"));
+                shard(&batch, &folder, Shard { index, count }, 2);
+                folder
+            })
+            .collect();
+        let out = scratch(&format!("merged-{count}"));
+        // A shard alone is no batch.
+        assert!(sum_up(&Store::existing(&folders[0]).expect("a shard")).is_err());
+        let merged = merge(&folders, &out).unwrap_or_else(|error| panic!("{error}"));
+        roots.insert(root(&merged));
+        for folder in folders.iter().chain([&out]) {
+            std::fs::remove_dir_all(folder).expect("removed");
+        }
+    }
     assert_eq!(roots.len(), 1);
+}
+
+#[test]
+fn refusal_of_attempts_that_differ() {
+    let batch = batch(30);
+    let (one, two) = (scratch("one"), scratch("two"));
+    let first = shard(&batch, &one, Shard::WHOLE, 1);
+    let second = Store::open(&two, batch.manifest()).expect("a folder");
+    let mut rows = first.read(0).expect("reads").expect("rows");
+    rows[7].values[2] += 1e-12;
+    second.write(0, &rows).expect("written");
+    let out = scratch("out");
+    let problem = merge(&[one.clone(), two.clone()], &out)
+        .err()
+        .expect("a refusal");
+    assert!(
+        problem.to_string().contains("another result of part 0"),
+        "{problem}"
+    );
+    // Another batch does not go on in its folder, and is not merged.
+    let other = self::batch(31);
+    let problem = Store::open(&one, other.manifest())
+        .err()
+        .expect("a refusal");
+    assert!(problem.to_string().contains("another batch"), "{problem}");
+    for folder in [&one, &two, &out] {
+        std::fs::remove_dir_all(folder).expect("removed");
+    }
 }
 
 #[test]
 fn invariant_a_trial_alone_is_that_of_the_batch() {
     let folder = scratch("alone");
     let batch = batch(40);
-    batch.execute(&folder, 2, &|_| {}).expect("runs");
-    let store = part::Store::open(&folder, &batch.hash, &batch.columns).expect("the folder");
-    let rows = store.read(0, 0..40).expect("rows");
+    let store = shard(&batch, &folder, Shard::WHOLE, 2);
+    let rows = store.read(0).expect("reads").expect("rows");
     for trial in [0, 17, 39] {
         let (alone, row) = (batch.trial(trial), &rows[trial as usize]);
         assert_eq!(alone.verdict, row.verdict);
@@ -85,11 +147,25 @@ fn invariant_a_trial_alone_is_that_of_the_batch() {
         assert!((0.001..0.01).contains(&row.values[0]));
         assert_eq!(row.values[1], [0.0, 0.01, 0.02][trial % 3]);
     }
-    // Another batch does not go on in its folder.
-    let other = self::batch(41);
-    let problem = other.execute(&folder, 1, &|_| {}).expect_err("a refusal");
-    assert!(problem.to_string().contains("another batch"), "{problem}");
+    // More noise, more error: by ranks, and nearly always.
+    let (summary, _) = sum_up(&store).expect("sums up");
+    let influence = summary.influences.iter().find(|influence| {
+        influence.drawn.ends_with("std")
+            && influence.figure.ends_with("front-left.rate_command, std")
+    });
+    assert!(influence.expect("an influence").correlation > 0.9);
     std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+/// Spearman's correlation by the formula for ranks without ties, 1 − 6 Σd²/(n(n² − 1)).
+#[test]
+fn known_answer_rank_correlation() {
+    let (a, b) = ([1.0, 2.0, 3.0, 4.0, 5.0], [0.1, 0.9, 0.2, 7.0, 8.0]);
+    let found = figures::correlation(&a, &b).expect("both vary");
+    assert!((found - (1.0 - 6.0 * 2.0 / 120.0)).abs() < 1e-15);
+    assert_eq!(figures::correlation(&a, &[2.0; 5]), None);
+    let tied = figures::correlation(&[0.0, 0.0, 1.0, 1.0], &[3.0, 3.0, 9.0, 9.0]);
+    assert_eq!(tied, Some(1.0));
 }
 
 #[test]
