@@ -18,7 +18,7 @@ pub struct Arguments {
     pub command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 task passed (or nothing to pass), 1 task failed or a limit broken, 2 bad input, \
+const EXIT_CODES: &str = "Exit codes: 0 task passed (or nothing to pass; of a batch: all trials were run, whatever came of them), 1 task failed or a limit broken, 2 bad input, \
 4 output could not be written, 70 a defect of the program.\n\
 First steps: appell run scenarios/slalom.toml";
 

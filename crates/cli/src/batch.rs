@@ -44,6 +44,13 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
     let overrides = options.changes.overrides().map_err(bad)?;
     let vary: Result<Vec<_>, String> = options.vary.iter().map(|text| batch::parse(text)).collect();
     let vary = vary.map_err(|problem| bad(format!("--vary {problem}")))?;
+    if let Some(twice) = (1..vary.len()).find(|&k| vary[..k].iter().any(|v| v.path == vary[k].path))
+    {
+        let path = &vary[twice].path;
+        return Err(bad(format!(
+            "--vary must name a path once, got {path} twice"
+        )));
+    }
     let shard = options.shard.as_deref().map(Shard::parse).transpose();
     let shard = shard.map_err(|problem| bad(format!("--shard {problem}")))?;
     if let Some(trials) = options.trials
@@ -60,7 +67,9 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
         .clone()
         .unwrap_or_else(|| Path::new("runs").join(format!("{}-batch", manifest.scenario)));
     let store = Store::open(&folder, manifest).map_err(failed)?;
-    let bar = terminal::Progress::new(&manifest.scenario, manifest.trials as f64, "trials/s");
+    let own = shard.unwrap_or(Shard::WHOLE);
+    let count = batch.share(own);
+    let bar = terminal::Progress::new(&manifest.scenario, count as f64, "trials/s");
     let progress = Mutex::new(bar);
     let told = |done: u64| {
         if let Ok(mut progress) = progress.try_lock() {
@@ -68,8 +77,7 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
         }
     };
     let threads = options.threads.unwrap_or(0) as usize;
-    let own = shard.unwrap_or(Shard::WHOLE);
-    let count = batch.execute(&store, own, threads, &told).map_err(failed)?;
+    batch.execute(&store, own, threads, &told).map_err(failed)?;
     if let Ok(progress) = progress.lock() {
         progress.done();
     }
@@ -105,7 +113,7 @@ fn pictures(batch: &Batch, rows: &[Row]) -> Result<Vec<Picture>, Failure> {
     let press = Press::new().map_err(|error| internal(&error))?;
     let mut pictures = Vec::new();
     for (title, trial) in batch::telling(batch.manifest(), rows) {
-        let (mut run, _) = batch.run(trial).map_err(|error| internal(&error))?;
+        let mut run = batch.run(trial).map_err(|error| internal(&error))?;
         let mut memory = Memory::bounded(crate::run::REPORT_ROWS);
         let recorder: &mut dyn Recorder = &mut memory;
         let summary = run

@@ -16,8 +16,15 @@ pub fn compare(options: &CompareOptions) -> u8 {
     let drives = match &options.drives {
         Some(drives) => drives.clone(),
         // What is wrong with the file is said below, with the first of its variants.
-        None => scenario::load(&options.scenario, &[])
-            .map_or(vec!["torque".into()], |loaded| drives(&loaded.scenario)),
+        None => {
+            let changes = Changes {
+                set: options.set.clone(),
+                ..Changes::default()
+            };
+            let overrides = changes.overrides().unwrap_or_default();
+            scenario::load(&options.scenario, &overrides)
+                .map_or(vec!["torque".into()], |loaded| drives(&loaded.scenario))
+        }
     };
     let mut variants: Vec<(String, Changes)> = Vec::new();
     for level in &options.levels {

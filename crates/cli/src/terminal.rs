@@ -169,6 +169,8 @@ pub struct Progress {
     bar: Option<indicatif::ProgressBar>,
     start: Instant,
     end: f64,
+    /// How far it was at first.
+    begin: Option<f64>,
     name: String,
     unit: &'static str,
 }
@@ -181,6 +183,7 @@ impl Progress {
             bar: None,
             start: Instant::now(),
             end,
+            begin: None,
             name: name.to_owned(),
             unit,
         }
@@ -188,6 +191,7 @@ impl Progress {
 
     /// Tells how far it is.
     pub fn at(&mut self, done: f64) {
+        let begin = *self.begin.get_or_insert(done);
         if self.bar.is_none() {
             if self.start.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
                 return;
@@ -204,7 +208,7 @@ impl Progress {
             self.bar = Some(bar);
         }
         if let Some(bar) = &self.bar {
-            let rate = done / self.start.elapsed().as_secs_f64();
+            let rate = (done - begin) / self.start.elapsed().as_secs_f64();
             bar.set_prefix(format!("{rate:.0} {}", self.unit));
             bar.set_position((1000.0 * done / self.end) as u64);
         }

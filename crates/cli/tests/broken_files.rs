@@ -130,6 +130,10 @@ const SCENARIOS: &[Row] = &[
     // Routes, trailers, batches.
     row("route-without-end", TRICYCLE, ("kind = \"line\"\nlength = 4.5 ", "kind = \"line\"\nlength = 0.0 "), "length = 0.0", &["robot.agv.task.path.piece.0.length: must be a finite number > 0, got 0.0"]).bare(),
     row("route-of-other-kind", TRICYCLE, ("kind = \"pieces\"", "kind = \"zigzag\""), "kind = \"zigzag\"", &["robot.agv.task.path.kind: must be one of pieces, polyline, spline, file, got \"zigzag\""]).bare(),
+    row("piece-without-end", TRICYCLE, ("kind = \"clothoid\"\nlength = 1.0                   # m\nto = 0.8 ", "kind = \"clothoid\"\nlength = 1.0                   # m\nt = 0.8 "), "t = 0.8", &["robot.agv.task.path.piece.1.t: unknown key", "did you mean to?"]),
+    row("polyline-without-radius", TRAILER, (", radius = 1.2 }", " }"), "path = {", &["robot.tug.task.path.radius: is missing"]),
+    row("route-of-one-way", TRAILER, ("tolerance = 0.25", "end = 15.0\ntolerance = 0.25"), "end", &["robot.tug.task.end: must be at most half of the route's"]).bare(),
+    row("route-backwards", TRAILER, ("pose = [2.0, 1.2, 0.0]", "pose = [2.0, 1.2, 3.1]"), "path = {", &["robot.tug.task.path: must begin within 90 degrees of the robot's heading"]),
     row("route-too-sharp", TRAILER, ("radius = 1.2", "radius = 0.02"), "path = {", &["robot.tug.task.path: must have no curve tighter than", "got 0.020 m at", "widen the curve"]),
     row("route-corner-too-wide", TRAILER, ("radius = 1.2", "radius = 3.0"), "path = {", &["robot.tug.task.path.radius: must leave the edge from (8.5, 1.2) to (8.5, 5.6) its 4.400 m", "would do there"]),
     row("route-leaves", TRAILER, ("[8.5, 5.6], [2.0, 5.6]]", "[8.5, 6.9], [2.0, 6.9]]"), "path = {", &["robot.tug.task.path: must keep the robot's disc of 0.95 m inside the arena", "leaves it at"]),
@@ -141,7 +145,7 @@ const SCENARIOS: &[Row] = &[
     row("sideways-on-two-wheels", "scenarios/laws.toml", ("law = \"samson\"", "heading = \"hold\""), "heading", &["robot.samson.controller.heading: must be \"steer\"", "degree of mobility is 2"]),
     row("car-on-the-spot", CAR, ("kind = \"route\"\nlaw", "kind = \"homing\"\nlaw"), "kind = \"homing\"", &["robot.car.controller.kind: must be \"route\" for a robot that cannot turn on the spot"]),
     row("motion-radii", "scenarios/motion.toml", ("straight_radius = 5.0", "straight_radius = 1e-4"), "[[robot.sensor]]", &["robot.bubble.sensor.motion.spot_radius: must be less than straight_radius"]).bare(),
-    row("no-trials", "scenarios/house-seeds.toml", ("trials = 10000", "trials = 0"), "trials", &["batch.trials: must be in [1, 1000000000], got 0"]).bare(),
+    row("no-trials", "scenarios/house-seeds.toml", ("trials = 10000", "trials = 0"), "trials", &["batch.trials: must be in [1, 100000000], got 0"]).bare(),
     row("draw-upside-down", "scenarios/house-seeds.toml", ("trials = 10000", "vary = [{ path = \"seed\", draw = { kind = \"uniform\", low = 2.0, high = 1.0 } }]"), "vary", &["batch.vary.0.draw.high: must be at least low = 2, got 1"]).bare(),
     // Steering, noise, statistics.
     row("odometry-of-steered", CAR, ("[robot.controller]", "[[robot.sensor]]\nkind = \"odometry\"\nperiod = 0.01\n\n[robot.controller]"), "[[robot.sensor]]", &["robot.car.sensor.odometry: must be of another kind"]),

@@ -490,8 +490,9 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         y[6] = margin;
         for i in 0..layout.wheels {
             let wheel = &self.platform.wheels()[i];
-            // The axle of a trailer carries its own share, whatever the body does.
-            let load = if wheel.is_towed() {
+            // The axle of a trailer carries its own share, whatever the body does; where the loads of
+            // the others are not known, neither is its.
+            let load = if wheel.is_towed() && self.support.is_some() {
                 wheel.mass * self.ground.gravity_normal
             } else {
                 loads[i]

@@ -169,7 +169,8 @@ fn wheel(file: &scenario::Wheel, platform: &scenario::Platform, drives: DriveMod
     }
 }
 
-fn trailer(file: &scenario::Trailer) -> Trailer<f64> {
+/// A trailer, as the model takes it.
+pub fn trailer(file: &scenario::Trailer) -> Trailer<f64> {
     Trailer {
         name: scenario::TRAILER.to_owned(),
         hitch: vec2(file.hitch[0], file.hitch[1]),

@@ -133,14 +133,11 @@ pub fn block(entries: &[Entry]) -> Value {
 
 /// The drives by which all robots of a scenario can be compared, in the words of the file.
 pub fn drives(scenario: &Scenario) -> Vec<String> {
-    let wheels = scenario
-        .robot
-        .iter()
-        .filter_map(|robot| robot.platform.as_ref())
-        .flat_map(|platform| &platform.wheel);
-    let motors = wheels
-        .filter(|wheel| wheel.drive != Drive::None)
-        .all(|wheel| matches!(wheel.drive, Drive::DcMotor { .. }));
+    let motors = scenario.robot.iter().all(|robot| {
+        let wheels = robot.platform.iter().flat_map(|platform| &platform.wheel);
+        let mut driven = wheels.filter(|wheel| wheel.drive != Drive::None).peekable();
+        driven.peek().is_some() && driven.all(|w| matches!(w.drive, Drive::DcMotor { .. }))
+    });
     let mut drives = vec!["torque".to_owned()];
     if motors {
         drives.push("dc-motor".into());

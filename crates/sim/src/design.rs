@@ -9,6 +9,8 @@ use appell_model::solve::{dot, invert, product};
 use appell_model::support::Support;
 use appell_model::wheel::Steering;
 
+use std::f64::consts::PI;
+
 use crate::build::{self, DriveModel};
 use crate::scenario::{self, Platform as File};
 
@@ -43,35 +45,39 @@ pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
 }
 
 /// Largest curvature at which the base's origin can be driven by what the steered wheels allow, 1/m;
-/// infinite for a robot that can turn on the spot.
+/// infinite for a robot that can turn on the spot, 0 for one whose linkages let it go straight only.
 pub fn sharpest_curve(file: &File) -> f64 {
-    let rolls = |velocity: [f64; 2], angle_max: f64| {
-        let angle = atan2(velocity[1], velocity[0]).abs();
-        // Either end of the wheel may lead; at its pivot any angle does.
-        angle.min(std::f64::consts::PI - angle) <= angle_max + 1e-9
-            || hypot(velocity[0], velocity[1]) < 1e-9
+    const SLACK: f64 = 1e-6;
+    // Either end of a wheel may lead.
+    let folded = |angle: f64| (angle - PI * (angle / PI).round()).abs();
+    // Angle of a wheel that goes this way; none at a standstill, where any will do.
+    let angle = |velocity: [f64; 2]| {
+        let moves = hypot(velocity[0], velocity[1]) > 1e-9;
+        moves.then(|| atan2(velocity[1], velocity[0]))
     };
-    let steered: Vec<([f64; 2], f64)> = file
-        .wheel
-        .iter()
-        .filter_map(|wheel| match wheel.steering {
-            scenario::Steering::Steered { angle_max_deg, .. } => {
-                Some((wheel.mount, angle_max_deg.to_radians()))
+    let rolls = |velocity: &dyn Fn([f64; 2]) -> [f64; 2]| {
+        file.wheel.iter().all(|wheel| match &wheel.steering {
+            scenario::Steering::Steered { angle_max_deg, .. } => angle(velocity(wheel.mount))
+                .is_none_or(|angle| folded(angle) <= angle_max_deg.to_radians() + SLACK),
+            scenario::Steering::Linked { to, ratio } => {
+                let lead = file.wheel.iter().find(|other| other.name == *to);
+                let lead = lead.and_then(|lead| angle(velocity(lead.mount)));
+                let (Some(own), Some(lead)) = (angle(velocity(wheel.mount)), lead) else {
+                    return true;
+                };
+                let lead = lead - PI * (lead / PI).round();
+                folded(own - ratio * lead) <= SLACK
             }
-            _ => None,
+            _ => true,
         })
-        .collect();
+    };
     // Both ways, as the wheels may stand unlike on both sides.
     let allowed = |curvature: f64| {
-        steered.iter().all(|([x, y], angle_max)| {
-            [curvature, -curvature]
-                .into_iter()
-                .all(|k| rolls([1.0 - k * y, k * x], *angle_max))
-        })
+        [curvature, -curvature]
+            .into_iter()
+            .all(|k| rolls(&|[x, y]| [1.0 - k * y, k * x]))
     };
-    let on_the_spot = steered
-        .iter()
-        .all(|([x, y], angle_max)| rolls([-y, *x], *angle_max));
+    let on_the_spot = rolls(&|[x, y]| [-y, x]);
     // From 1 km to 1 mm of radius; then halving between the last that is allowed and the next.
     let (mut low, mut high) = (0.0, 1e-3);
     while allowed(high) {
@@ -152,10 +158,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
         );
         add(
             "static load on the hitch",
-            format!(
-                "{:.2} N",
-                trailer.mass * trailer.ahead / trailer.length * gravity
-            ),
+            format!("{:.2} N", build::trailer(trailer).hitch_mass() * gravity),
             "level ground",
         );
     }
@@ -304,6 +307,17 @@ pub fn design(file: &File, gravity: f64) -> Design {
         let corners = support.polygon();
         corners.iter().map(|corner| [corner.x, corner.y]).collect()
     });
+    // What stands on the robot's own wheels: with what a trailer rests on the hitch.
+    let (standing, standing_mass) = match &file.trailer {
+        None => (center, mass),
+        Some(trailer) => {
+            let hitch = build::trailer(trailer).hitch_mass();
+            let own = mass - towed;
+            let at = [trailer.hitch[0], trailer.hitch[1], trailer.hitch_height];
+            let both = [0, 1, 2].map(|k| (center[k] * own + at[k] * hitch) / (own + hitch));
+            (both, own + hitch)
+        }
+    };
     let mut inside = hull.len() >= 3;
     for (name, direction) in [
         ("forward", [1.0, 0.0]),
@@ -311,11 +325,12 @@ pub fn design(file: &File, gravity: f64) -> Design {
         ("left", [0.0, 1.0]),
         ("right", [0.0, -1.0]),
     ] {
-        let Some(distance) = reach(&hull, [center[0], center[1]], direction) else {
+        let Some(distance) = reach(&hull, [standing[0], standing[1]], direction) else {
             inside = false;
             continue;
         };
-        let angle = atan2(distance, center[2]).to_degrees();
+        // What hangs on the hitch pulls down the slope, too.
+        let angle = atan2(distance * standing_mass, standing[2] * mass).to_degrees();
         add(
             &format!("tips over {name} at"),
             format!("{angle:.1}°"),
@@ -324,7 +339,11 @@ pub fn design(file: &File, gravity: f64) -> Design {
     }
     if !inside {
         report.warnings.push(
-            "body.center_of_mass: lies outside the polygon of the wheels' contacts, so the robot falls over; move it or add a caster".into(),
+            match &file.trailer {
+                None => "body.center_of_mass: lies outside the polygon of the wheels' contacts, so the robot falls over; move it or add a caster",
+                Some(_) => "trailer.ahead: what rests on the hitch moves the center of mass outside the polygon of the wheels' contacts, so the robot falls over; move the load or the hitch",
+            }
+            .into(),
         );
     }
     plausible(file, &mut report.warnings);

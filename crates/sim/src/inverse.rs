@@ -198,7 +198,7 @@ pub fn demanded(
     let layout = platform.layout().clone();
     if !layout.constant {
         return Err(
-            "must be a robot whose casters have neither mass nor losses: their swivelling is not part of a trajectory"
+            "must be a robot without a trailer, whose casters have neither mass nor losses: their swivelling is not part of a trajectory"
                 .into(),
         );
     }

@@ -665,7 +665,7 @@ impl Judge {
         let reach = *progress + 3.0 * (distance(previous.position, now.position) + ds);
         let last = points.len() - 1;
         let mut nearest = f64::INFINITY;
-        for k in (*progress / ds) as usize..last {
+        for k in ((*progress / ds) as usize).min(last - 1)..last {
             let from = k as f64 * ds;
             if from > reach {
                 break;
@@ -683,8 +683,6 @@ impl Judge {
         let (here, finish) = (*progress, points[last]);
         let to_end = distance(now.position, finish);
         let whole = last as f64 * ds;
-        // Beyond the last point the distance is that to it.
-        let nearest = nearest.min(to_end);
         if nearest > farthest.0 {
             *farthest = (nearest, now.t);
         }

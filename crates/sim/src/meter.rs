@@ -48,6 +48,8 @@ struct Gauge {
     /// Odometries whose error is told apart: name, columns of the whole error and of its causes, last
     /// values.
     odometries: Vec<(String, [usize; 5], [f64; 5])>,
+    /// Column of the hitch angle of a trailer, and its largest size, rad.
+    hitch: Option<(usize, f64)>,
     /// Column of the distance from the planned path.
     offset: Option<usize>,
     commands: Vec<(usize, &'static str)>,
@@ -135,6 +137,7 @@ impl<'a> Meter<'a> {
                         // y follows x.
                         "pose.x" => gauge.position = Some([k, k + 1]),
                         "tip_margin" => gauge.tip = Some(k),
+                        "wheel.trailer.steering_angle" => gauge.hitch = Some((k, 0.0)),
                         _ => {}
                     }
                     for known in ["energy.supplied", "energy.windings", "energy.residual"] {
@@ -146,8 +149,16 @@ impl<'a> Meter<'a> {
                         .strip_prefix("sensor.")
                         .and_then(|rest| rest.strip_suffix(".error.distance"))
                     {
-                        // Those of the causes end 13, 9, 5 and 1 columns before it.
-                        let columns = [k, k - 13, k - 9, k - 5, k - 1];
+                        let place = |cause: &str| {
+                            let path = format!("{prefix}sensor.{sensor}.error.{cause}.distance");
+                            header
+                                .signals
+                                .iter()
+                                .position(|s| s.path == path)
+                                .unwrap_or(k)
+                        };
+                        let [slip, method, geometry, encoder] = crate::sensor::CAUSES.map(place);
+                        let columns = [k, slip, method, geometry, encoder];
                         gauge
                             .odometries
                             .push((sensor.to_owned(), columns, [0.0; 5]));
@@ -342,6 +353,14 @@ impl<'a> Meter<'a> {
                 note,
             );
         }
+        if let Some((_, angle)) = gauge.hitch {
+            let note = if angle > std::f64::consts::FRAC_PI_2 {
+                "jackknifed: the trailer stands in its robot"
+            } else {
+                "the trailer is no part of the disc that must not touch"
+            };
+            add("largest hitch angle", angle.to_degrees(), "°", note.into());
+        }
         for (sensor, _, errors) in &gauge.odometries {
             let [all, slip, method, geometry, encoder] = errors;
             let note = format!(
@@ -430,6 +449,9 @@ impl Recorder for Meter<'_> {
             if let Some([forward, left]) = gauge.speeds {
                 let speed = crate::plant::speed(row[forward], row[left]);
                 gauge.speed = gauge.speed.max(speed);
+            }
+            if let Some((k, largest)) = &mut gauge.hitch {
+                *largest = largest.max(row[*k].abs());
             }
             for (_, columns, last) in &mut gauge.odometries {
                 *last = columns.map(|k| row[k]);

@@ -150,9 +150,26 @@ impl Plant {
                 System::Rolling(Box::new(system))
             }
         };
+        // A wheel that stands straight may hide what it resists once it is turned.
+        let mut states = vec![x.clone()];
+        if !layout.constant {
+            for turn in [0.5, 1.2] {
+                let turned: Vec<f64> = start.angles.iter().map(|angle| angle + turn).collect();
+                let mut other = x.clone();
+                for (k, angle) in turned.iter().enumerate().take(layout.swivels.len()) {
+                    other[layout.swivel(k)] = *angle;
+                }
+                let platform = match &system {
+                    System::Kinematic(system) => system.platform(),
+                    System::Rolling(system) => system.platform(),
+                };
+                platform.renew_angles(&mut other);
+                states.push(other);
+            }
+        }
         let method = match &system {
-            System::Kinematic(system) => method(system.as_ref(), numerics, &x, &u)?,
-            System::Rolling(system) => method(system.as_ref(), numerics, &x, &u)?,
+            System::Kinematic(system) => method(system.as_ref(), numerics, &states, &u)?,
+            System::Rolling(system) => method(system.as_ref(), numerics, &states, &u)?,
         };
         let y = vec![0.0; layout.output()];
         let mut plant = Plant {
@@ -222,7 +239,7 @@ fn wheel_rates(platform: &Platform<f64>, x: &[f64], v: &[f64]) -> Vec<f64> {
 fn method<S: Dynamics<f64>>(
     system: &S,
     numerics: Numerics,
-    x: &[f64],
+    states: &[Vec<f64>],
     u: &[f64],
 ) -> Result<Method, PlantError> {
     let Numerics {
@@ -232,7 +249,11 @@ fn method<S: Dynamics<f64>>(
     } = numerics;
     let sizes = system.sizes();
     // Wheels taken as turning: friction that sticks is no stiffness.
-    let radius = spectral_radius(system, x, u, &vec![1.0; sizes.mode]);
+    let turning = vec![1.0; sizes.mode];
+    let radii = states
+        .iter()
+        .map(|x| spectral_radius(system, x, u, &turning));
+    let radius = radii.fold(0.0, f64::max);
     let stiff = radius * step;
     let rk4 = || Method::RungeKutta4(RungeKutta4::new(sizes.state, sizes.input));
     let exponential = || Exponential::new(system, step).map(|m| Method::Exponential(Box::new(m)));

@@ -20,6 +20,17 @@ pub struct Fault {
     pub hint: String,
 }
 
+impl Fault {
+    /// Path of the field in the scenario, below the path of the task.
+    pub fn path(&self, task: &str) -> String {
+        match self.field.as_str() {
+            "laps" => format!("{task}.laps"),
+            "" => format!("{task}.path"),
+            field => format!("{task}.path.{field}"),
+        }
+    }
+}
+
 fn fault(field: impl Into<String>, problem: impl Into<String>, hint: &str) -> Fault {
     Fault {
         field: field.into(),
@@ -39,6 +50,8 @@ struct Bend {
 
 /// Longest path, m.
 const LENGTH_MAX: f64 = 2e4;
+/// Sharpest curvature, 1/m: a radius of 1 mm.
+const CURVATURE_MAX: f64 = 1e3;
 /// Largest turn between neighboring points, rad.
 const TURN_MAX: f64 = 0.05;
 /// Points of a path at the most.
@@ -116,8 +129,11 @@ fn repeated(once: Path, laps: u32) -> Result<Path, Fault> {
     if once.points.len() as f64 * f64::from(laps) > POINTS_MAX {
         return Err(fault(
             "laps",
-            format!("must make a shorter path, got {laps}"),
-            "",
+            format!(
+                "must make a path of at most {POINTS_MAX} points, got {laps} times {}",
+                once.points.len()
+            ),
+            "ask for fewer laps",
         ));
     }
     let mut path = once.clone();
@@ -167,7 +183,11 @@ fn bends(pieces: &[Piece]) -> Result<Vec<Bend>, Fault> {
             Piece::Arc { radius, angle_deg } => {
                 positive(k, "radius", radius)?;
                 finite(k, "angle_deg", angle_deg)?;
-                positive(k, "angle_deg", angle_deg.abs())?;
+                if angle_deg == 0.0 {
+                    let problem =
+                        "must be another angle than 0: positive to the left, negative to the right";
+                    return Err(fault(format!("piece.{k}.angle_deg"), problem, ""));
+                }
                 Bend {
                     length: radius * angle_deg.abs().to_radians(),
                     ends: [1.0_f64.copysign(angle_deg) / radius; 2],
@@ -199,20 +219,23 @@ fn bends(pieces: &[Piece]) -> Result<Vec<Bend>, Fault> {
 /// Number of equal intervals of a path, and their length.
 fn spacing(length: f64, curvature: f64) -> Result<(usize, f64), Fault> {
     let count = (length / SPACING.min(TURN_MAX / curvature.max(1e-9))).ceil();
-    if !(count <= POINTS_MAX && length <= LENGTH_MAX) {
-        return Err(fault(
-            "",
-            format!(
-                "must be at most {LENGTH_MAX} m long with gentler curves, got {length:.1} m and a curvature of {curvature:.3} 1/m"
-            ),
-            "",
-        ));
+    if length.is_nan() || length > LENGTH_MAX {
+        let problem = format!("must be at most {LENGTH_MAX} m long, got {length:.1} m");
+        return Err(fault("", problem, ""));
+    }
+    if curvature.is_nan() || curvature > CURVATURE_MAX || count > POINTS_MAX {
+        let problem = format!(
+            "must have no curve tighter than {:.0} mm, got a radius of {:.3e} m",
+            1e3 / CURVATURE_MAX,
+            1.0 / curvature
+        );
+        return Err(fault("", problem, "widen the curve"));
     }
     let count = count.max(2.0);
     Ok((count as usize, length / count))
 }
 
-/// The path of bends that begin at a pose.
+/// The path of bends that begin at a pose. `[eq:clothoid]`
 fn bent(start: [f64; 3], bends: &[Bend]) -> Result<Path, Fault> {
     if !start.iter().all(|value| value.is_finite()) {
         return Err(fault("start", format!("must be finite, got {start:?}"), ""));
@@ -328,10 +351,10 @@ fn rounded(
                     "must leave the edge from ({}, {}) to ({}, {}) its {length:.3} m, got {radius}",
                     a[0], a[1], b[0], b[1]
                 ),
-                &format!(
-                    "{:.3} would do there, or corners farther apart",
-                    (length / shares * 1e3).floor() / 1e3
-                ),
+                &match (length / shares * 1e3).floor() / 1e3 {
+                    0.0 => "the path turns back there: put the corners apart".to_owned(),
+                    fits => format!("{fits:.3} would do there, or corners farther apart"),
+                },
             ));
         }
         if straight > 0.0 {

@@ -204,7 +204,7 @@ impl Run {
                 .map(|task| build::assignment(scenario, robot, task, &loaded.folder))
                 .transpose()
                 .map_err(|fault| {
-                    let path = format!("robot.{}.task.path.{}", robot.name, fault.field);
+                    let path = fault.path(&format!("robot.{}.task", robot.name));
                     refuse(loaded, path, fault.problem, fault.hint)
                 })?;
             let sensors = robot

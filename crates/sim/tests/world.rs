@@ -385,7 +385,7 @@ fn invariant_steered_robots_drive_the_circle() {
                  [[robot.controller.channel]]\nto = \"yaw_rate\"\n\
                  signal = {{ kind = \"constant\", value = 0.25 }}\n"
             );
-            let loaded = scenario::load_text(&text, &scenario_file("circle"), &vec![]);
+            let loaded = scenario::load_text(&text, &scenario_file("circle"), &[]);
             let loaded = loaded.unwrap_or_else(|e| panic!("{e}"));
             let mut run = Run::new(&loaded, 0).expect("valid");
             let mut memory = recorder(&run);
@@ -473,7 +473,7 @@ fn invariant_causes_of_odometry_errors() {
                 }
             }
             let last = |cause: &str| *part(cause, "distance").last().expect("rows");
-            // Wheels that roll along constant arcs tell all; but the commands change within a period.
+            // Wheels that roll along arcs tell all, as the commands change between periods.
             assert!(last("slip") < 1e-9, "{name}: {}", last("slip"));
             assert_eq!(last("method") == 0.0, name == "arc");
             assert_eq!(last("geometry") == 0.0, name == "arc" && !set.is_empty());

@@ -18,13 +18,14 @@ import { clamp, escapeText, label, niceStep, plain, px, significant, textWidth, 
 /**
  * @typedef {object} BatchData
  * @property {{ scenario: string, title: string, hash: string, root: string, seed: number, version: string, trials: number, verdicts: Record<string, number>, success?: { share: number, low: number, high: number }, failures: [string, number][], figures: Figure[] }} summary
- * @property {Record<string, number>} marks
+ * @property {Record<string, Mark>} marks
  * @property {string | null} marked file of the run whose figures are marked
  * @property {string} drawn group of the drawn values
  * @property {string} text
  * @property {Scatter[]} scatters
  * @property {{ title: string, trial: number, reason: string, svg: string }[]} pictures
  */
+/** @typedef {{ value: number, below: number }} Mark a figure of the marked run, and the share of trials below it */
 /** @typedef {{ influence: { drawn: string, figure: string, correlation: number }, x: (number | null)[], y: (number | null)[], passed: boolean[] }} Scatter */
 
 const CELL = { width: 360, height: 148, left: 12, right: 12, top: 40, bottom: 26 };
@@ -53,9 +54,10 @@ function fitted(words, width, size) {
 /**
  * A histogram with median, the middle 90 % and a mark.
  * @param {Figure} figure
- * @param {number | undefined} mark
+ * @param {Mark | undefined} marked
  */
-function histogram(figure, mark) {
+function histogram(figure, marked) {
+  const mark = marked && marked.value;
   const { width, height, left, right, top, bottom } = CELL;
   const [least, low, , median, , high, most] = figure.quantiles;
   const from = mark === undefined ? least : Math.min(least, mark);
@@ -88,12 +90,11 @@ function histogram(figure, mark) {
   }
   const middle = `<path d="M${px(x(low))} ${px(floor + 0.5)}H${px(x(high))}" class="s-blue" stroke-width="3"/><path d="M${px(x(median))} ${px(top)}V${px(floor)}" class="s-ink" stroke-width="1.2"/>`;
   let marker = '';
-  if (mark !== undefined) {
+  if (marked && mark !== undefined) {
     const at = x(mark);
-    const below = figure.bins.reduce((sum, count, k) => sum + (least + (k + 0.5) * step < mark ? count : 0), 0);
     // Digits enough to tell it from the others.
     const digits = clamp(Math.ceil(Math.log10(Math.abs(mark) / span)) + 3, 3, 9);
-    const words = `${significant(mark, mark === 0 ? 1 : digits)} · above ${Math.round(100 * below / figure.count)} %`;
+    const words = `${significant(mark, mark === 0 ? 1 : digits)} · above ${Math.round(100 * marked.below)} %`;
     const half = textWidth(words, 11.5) / 2;
     marker = `<path d="M${px(at)} ${px(top - 4)}V${px(floor)}" class="s-vermilion" stroke-width="2"/>${label(clamp(at, half + 2, width - half - 2), top - 8, words, 't-vermilion', 'middle')}`;
   }
@@ -211,7 +212,7 @@ function groupOf(data, group) {
     const [least, low, , median, , high, most] = figure.quantiles;
     const cells = [figure.mean, figure.std, least, low, median, high, most].map(v => `<td class="right">${value(v)}</td>`).join('');
     const unit = figure.unit && figure.unit !== '1' ? figure.unit : '';
-    return `<tr><th scope="row">${escapeText(shortName(figure))}</th>${cells}${marked ? `<td class="right t-vermilion">${mark === undefined ? '' : value(mark)}</td>` : ''}<td>${escapeText(unit)}</td><td class="right">${figure.count}</td></tr>`;
+    return `<tr><th scope="row">${escapeText(shortName(figure))}</th>${cells}${marked ? `<td class="right t-vermilion">${mark === undefined ? '' : value(mark.value)}</td>` : ''}<td>${escapeText(unit)}</td><td class="right">${figure.count}</td></tr>`;
   }).join('');
   const head = ['mean', 'std', 'least', '5 %', 'median', '95 %', 'largest'].map(w => `<th class="right">${w}</th>`).join('');
   return `<section aria-label="${escapeText(heading)}"><h2>${escapeText(heading)}</h2><div class="cells">${cells}</div><details${spread.length === 0 ? ' open' : ''}><summary>as a table</summary><div class="wide"><table><thead><tr><th>figure</th>${head}${marked ? '<th class="right">marked</th>' : ''}<th>unit</th><th class="right">trials</th></tr></thead><tbody>${rows}</tbody></table></div></details></section>`;

@@ -1,6 +1,7 @@
 //! A trailer on a hitch against its own mechanics: two bodies joined at a point.
 
 use crate::common::{Method, SLEIGH, integrate};
+use appell_model::drive::Drive;
 use appell_model::dynamics::Dynamics;
 use appell_model::ground::Ground;
 use appell_model::math::hypot;
@@ -10,6 +11,7 @@ use appell_model::platform::{Body, Platform, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::solve::dot;
 use appell_model::trailer::Trailer;
+use appell_model::wheel::Steering;
 
 const TRAILER: Trailer<f64> = Trailer {
     name: String::new(),
@@ -76,7 +78,7 @@ fn kinetic(tractor: &Body<f64>, trailer: &Trailer<f64>, angle: f64, twist: [f64;
 /// The kinetic energy as a function of angle and velocities, with the constraints, is all that the
 /// equations of motion on level ground are made of.
 #[test]
-fn diff_kinetic_energy_is_that_of_two_bodies() {
+fn invariant_kinetic_energy_is_that_of_two_bodies() {
     let tractor = *SLEIGH.platform().body();
     let platform = platform(&TRAILER);
     for k in 0..200 {
@@ -185,8 +187,48 @@ fn closed_form_steady_circle() {
         (side + moment / trailer.length).abs() < 1e-12,
         "{side} {moment}"
     );
-    // What rests on the hitch loads the robot, the rest its own axle.
-    let load = y[layout.wheel_output(2, WheelOutput::Load)];
-    let behind = trailer.mass * (1.0 - trailer.ahead / trailer.length);
-    assert!((load - (behind + 2.0 * trailer.wheel_mass) * 9.81).abs() < 1e-12);
+    // Two wheels carry no plane: no load is known, nor is that of the trailer.
+    assert_eq!(y[layout.wheel_output(2, WheelOutput::Load)], 0.0);
+}
+
+/// What rests on the hitch loads the robot's own wheels, the rest the trailer's axle, whatever its
+/// angle.
+#[test]
+fn closed_form_loads_at_rest() {
+    let mut body = *SLEIGH.platform().body();
+    body.center_of_mass = vec2(0.05, 0.0);
+    let mut wheels = SLEIGH.platform().wheels().to_vec();
+    let mut front = wheels[0].clone();
+    (front.mount, front.drive) = (vec2(0.3, 0.0), Drive::None);
+    front.steering = Steering::Free { trail: 0.02 };
+    wheels.push(front);
+    let trailer = Trailer {
+        hitch: vec2(-0.25, 0.0),
+        ..TRAILER
+    };
+    trailer.attach(&mut body, &mut wheels);
+    let platform = Platform::new(body, wheels).expect("a robot with a trailer");
+    let layout = platform.layout().clone();
+    let system = Rolling::new(platform, Ground::flat(9.81));
+    for angle in [0.0, 1.3] {
+        let mut x = vec![0.0; layout.state()];
+        x[layout.swivel(1)] = angle;
+        system.platform().renew_angles(&mut x);
+        let mut y = vec![0.0; layout.output()];
+        system.output(&x, &vec![0.0; layout.input()], &[1.0; 4], &mut y);
+        let load = |i: usize| y[layout.wheel_output(i, WheelOutput::Load)] / 9.81;
+        let hitch = trailer.mass * trailer.ahead / trailer.length;
+        let behind = trailer.mass - hitch + 2.0 * trailer.wheel_mass;
+        // Moments about the axle of the driven wheels: 0.3 m to the front wheel.
+        let nose = (SLEIGH.mass * 0.05 - hitch * 0.25) / 0.3;
+        for (got, wanted) in [
+            (load(0), 0.5 * (SLEIGH.mass + hitch - nose)),
+            (load(1), 0.5 * (SLEIGH.mass + hitch - nose)),
+            (load(2), nose),
+            (load(3), behind),
+        ] {
+            // Sums of a few loads of up to 15 kg.
+            assert!((got - wanted).abs() < 1e-13, "{got} {wanted}");
+        }
+    }
 }

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::{DRAWN, Manifest, Row};
 
-/// Share of trials that passed, with the interval that holds the true share with 95 %.
+/// Share of trials that passed, with an interval: of such intervals 95 % hold the true share.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Success {
     /// Share of all trials.
@@ -35,6 +35,9 @@ pub struct Figure {
     pub std: f64,
     /// Smallest value; then those below which 5, 25, 50, 75 and 95 % lie; the largest.
     pub quantiles: [f64; 7],
+    /// Figure of the run that the scenario marks, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mark: Option<f64>,
     /// How many trials lie in each of [`BINS`] equal intervals from the smallest to the largest.
     pub bins: Vec<u64>,
 }
@@ -154,6 +157,7 @@ fn figure(name: &str, unit: &str, group: &str, mut values: Vec<f64>) -> Option<F
         mean,
         std: (squares / (count.max(2) - 1) as f64).sqrt(),
         quantiles: [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0].map(|p| quantile(&values, p)),
+        mark: None,
         bins,
     })
 }
@@ -166,7 +170,7 @@ fn kind_of(reason: &str) -> String {
     for c in reason[..end].chars() {
         // A digit within a name, such as b1, is none of the numbers.
         let numeral = c.is_ascii_digit() || (c == '.' && last.is_ascii_digit());
-        if !numeral || text.chars().last().is_some_and(char::is_alphabetic) {
+        if !numeral || text.chars().last().is_some_and(char::is_alphanumeric) {
             text.push(c);
         } else if !text.ends_with('…') {
             text.push('…');
@@ -205,14 +209,24 @@ pub(super) fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     (size > 0.0).then(|| sum(&a, &b) / size)
 }
 
-/// Values of a column; of [`PASSED`] what its name says.
+/// Values of a column that there is; of [`PASSED`] what its name says.
 fn column(manifest: &Manifest, rows: &[Row], name: &str) -> Vec<f64> {
     let place = manifest.columns.iter().position(|known| known.name == name);
     let value = |row: &Row| match place {
         Some(place) => row.values[place],
-        None => f64::from(u8::from(row.verdict == "passed")),
+        None => f64::from(u8::from(row.verdict == PASSED)),
     };
     rows.iter().map(value).collect()
+}
+
+/// How long each trial took, s: the time of the last robot.
+fn times(manifest: &Manifest, rows: &[Row]) -> Vec<f64> {
+    let is_time = |name: &str| name == "time" || name.ends_with(": time");
+    let places: Vec<usize> = (0..manifest.columns.len())
+        .filter(|&k| is_time(&manifest.columns[k].name))
+        .collect();
+    let longest = |row: &Row| places.iter().map(|&k| row.values[k]).fold(0.0, f64::max);
+    rows.iter().map(longest).collect()
 }
 
 fn influences(manifest: &Manifest, rows: &[Row]) -> Vec<Influence> {
@@ -253,7 +267,7 @@ pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSu
     let mut reasons: BTreeMap<String, u64> = BTreeMap::new();
     for row in rows {
         *verdicts.entry(row.verdict.clone()).or_default() += 1;
-        if row.verdict == "failed" || row.verdict == "invalid" {
+        if ["failed", "invalid", "error"].contains(&row.verdict.as_str()) {
             *reasons.entry(kind_of(&row.reason)).or_default() += 1;
         }
     }
@@ -266,7 +280,9 @@ pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSu
         .enumerate()
         .filter_map(|(k, column)| {
             let values = rows.iter().map(|row| row.values[k]).collect();
-            figure(&column.name, &column.unit, &column.group, values)
+            let figure = figure(&column.name, &column.unit, &column.group, values)?;
+            let mark = manifest.marks.get(&column.name).copied();
+            Some(Figure { mark, ..figure })
         });
     BatchSummary {
         scenario: manifest.scenario.clone(),
@@ -287,7 +303,7 @@ pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSu
 /// Trials worth a look, with what they are: the quickest, the median and the slowest of those that
 /// passed, and the first that failed.
 pub fn telling(manifest: &Manifest, rows: &[Row]) -> Vec<(&'static str, u64)> {
-    let times = column(manifest, rows, "time");
+    let times = times(manifest, rows);
     let mut passed: Vec<(f64, u64)> = rows
         .iter()
         .zip(times)
@@ -343,9 +359,20 @@ pub fn report(
         .take(SCATTERS)
         .map(scatter)
         .collect();
+    let marks: BTreeMap<&String, Value> = manifest
+        .marks
+        .iter()
+        .map(|(name, mark)| {
+            let values = column(manifest, rows, name);
+            let known = values.iter().filter(|value| value.is_finite()).count();
+            let below = values.iter().filter(|value| *value < mark).count();
+            let share = below as f64 / known.max(1) as f64;
+            (name, json!({"value": mark, "below": share}))
+        })
+        .collect();
     json!({
         "summary": summary,
-        "marks": manifest.marks,
+        "marks": marks,
         "marked": manifest.marked,
         "drawn": DRAWN,
         "text": manifest.text,

@@ -47,7 +47,8 @@ pub struct Column {
 pub struct Row {
     /// Number of the trial.
     pub trial: u64,
-    /// `passed`, `failed`, `stopped`; or `invalid` where the drawn values make no scenario.
+    /// `passed`, `failed`, `stopped` without a task; `error` where the run broke off, `invalid` where
+    /// the drawn values make no scenario.
     pub verdict: String,
     /// One sentence.
     pub reason: String,
@@ -181,10 +182,10 @@ impl Recorder for Nothing {
 
 impl Batch {
     /// A batch of a scenario under overrides. The scenario says how many trials, unless `trials`
-    /// does, and what varies, beside what `vary` adds.
+    /// does, and what varies, unless `vary` says how else, or that more does.
     ///
     /// # Errors
-    /// The scenario is wrong, or the first trial cannot be built.
+    /// The scenario is wrong, or none of the first trials can be built.
     pub fn new(
         file: &Path,
         overrides: &Overrides,
@@ -194,8 +195,12 @@ impl Batch {
         let mut loaded = scenario::load(file, overrides)?;
         let mut plan = loaded.scenario.batch.take().unwrap_or_default();
         plan.trials = trials.unwrap_or(plan.trials);
+        plan.vary
+            .retain(|known| vary.iter().all(|new| new.path != known.path));
         plan.vary.extend_from_slice(vary);
         loaded.scenario.batch = Some(plan.clone());
+        let text = toml::to_string_pretty(&loaded.scenario).expect("a scenario is plain data");
+        loaded.resolved = text;
         let marks = match &plan.mark {
             Some(file) => marks(&loaded.folder.join(file))?,
             None => BTreeMap::new(),
@@ -226,23 +231,40 @@ impl Batch {
             group: DRAWN.into(),
         });
         batch.manifest.columns = drawn.collect();
-        let probes = PROBES.min(plan.trials);
-        for trial in 0..probes {
-            // A first trial that cannot be built is a mistake of the scenario; others are rows.
-            let summary = match batch.summary(trial) {
-                Ok(summary) => summary,
-                Err(problem) if trial == 0 => return Err(problem.into()),
-                Err(_) => continue,
-            };
-            for (column, _) in figures_of(&summary) {
+        let probed: Vec<Result<Summary, Diagnostics>> = (0..PROBES.min(plan.trials))
+            .into_par_iter()
+            .map(|trial| batch.summary(trial))
+            .collect();
+        // A mistake of the settings breaks all trials, an unlucky draw only its own.
+        if let Some(Err(problem)) = probed.first()
+            && probed.iter().all(Result::is_err)
+        {
+            return Err(problem.clone().into());
+        }
+        for summary in probed.iter().flatten() {
+            for (column, _) in figures_of(summary) {
                 let columns = &mut batch.manifest.columns;
                 if !columns.iter().any(|known| known.name == column.name) {
                     columns.push(column);
                 }
             }
         }
+        let marks = &batch.manifest.marks;
+        let in_common = |column: &Column| marks.contains_key(&column.name);
+        if let Some(marked) = &plan.mark
+            && !batch.manifest.columns.iter().any(in_common)
+        {
+            return Err(BatchError::Folder {
+                path: file.to_owned(),
+                problem: format!(
+                    "batch.mark must be a scenario with figures of the same names, got \"{marked}\""
+                ),
+                hint: "name a scenario with the same robots and tables",
+            });
+        }
         // The first rows stand for all that the text only names, such as the files it reads.
-        let probed: Vec<Row> = (0..probes).map(|trial| batch.trial(trial)).collect();
+        let rows = (0..).zip(probed);
+        let probed: Vec<Row> = rows.map(|(trial, probe)| batch.row(trial, probe)).collect();
         batch.manifest.hash = hash(&format!(
             "{}\n{}\n{}\n{}\n{}",
             batch.loaded.resolved,
@@ -275,9 +297,24 @@ impl Batch {
         }
         let mut overrides = self.overrides.clone();
         for (path, value) in drawn {
-            overrides.push((path, format!("{value:?}")));
+            // Keys of whole numbers take no fraction; the others take a whole number, too.
+            let is_whole = value == value.round() && value.abs() < 1e15;
+            let text = match is_whole {
+                true => format!("{value:.0}"),
+                false => format!("{value:?}"),
+            };
+            overrides.push((path, text));
         }
-        scenario::load(&self.file, &overrides)
+        scenario::load(&self.file, &overrides).map_err(|mut problem| {
+            // What was drawn is none of the user's own changes.
+            for diagnostic in &mut problem.0 {
+                let same = |(path, _): &(String, String)| *path == diagnostic.path;
+                if diagnostic.at.is_none() && !self.overrides.iter().any(same) {
+                    diagnostic.file = PathBuf::from("--vary");
+                }
+            }
+            problem
+        })
     }
 
     /// Values drawn for a trial, with their paths.
@@ -288,13 +325,18 @@ impl Batch {
     }
 
     fn summary(&self, trial: u64) -> Result<Summary, Diagnostics> {
-        let mut run = Run::new(&self.scenario(trial)?, trial)?;
+        let mut run = self.run(trial)?;
         let summary = run.execute(&mut Nothing, &mut |_| {});
         Ok(summary.expect("nothing is written that could fail"))
     }
 
     /// Runs one trial.
     pub fn trial(&self, trial: u64) -> Row {
+        self.row(trial, self.summary(trial))
+    }
+
+    /// The row of a trial.
+    fn row(&self, trial: u64, summary: Result<Summary, Diagnostics>) -> Row {
         let mut row = Row {
             trial,
             verdict: "invalid".into(),
@@ -305,7 +347,7 @@ impl Batch {
         for (k, (_, value)) in self.drawn(trial).into_iter().enumerate() {
             row.values[k] = value;
         }
-        let summary = match self.summary(trial) {
+        let summary = match summary {
             Ok(summary) => summary,
             Err(problem) => {
                 row.reason = problem.to_string();
@@ -315,6 +357,7 @@ impl Batch {
         row.verdict = match summary.verdict {
             Outcome::Passed => "passed",
             Outcome::Failed => "failed",
+            Outcome::Stopped if summary.error.is_some() => "error",
             Outcome::Stopped => "stopped",
         }
         .into();
@@ -335,7 +378,7 @@ impl Batch {
     }
 
     /// Runs what a folder lacks of a shard, on `threads` threads (0: all cores); `progress` is told the
-    /// number of trials that are done, from any thread. The number of trials of the shard.
+    /// number of trials of the shard that are done, at first those that were there, from any thread.
     ///
     /// # Errors
     /// The folder holds another batch, or cannot be written; what was written stays.
@@ -345,21 +388,18 @@ impl Batch {
         shard: Shard,
         threads: usize,
         progress: &(dyn Fn(u64) + Sync),
-    ) -> Result<u64, BatchError> {
+    ) -> Result<(), BatchError> {
         let parts = self.manifest.parts();
-        let count = |parts: &[u64]| -> u64 {
-            let trials = |part: &u64| self.manifest.trials_of(*part);
-            parts.iter().map(|part| trials(part).count() as u64).sum()
-        };
-        let own: Vec<u64> = (0..parts).filter(|&part| shard.has(part, parts)).collect();
         let mut missing = Vec::new();
-        for &part in &own {
-            if store.read(part)?.is_none() {
-                missing.push(part);
+        let mut there = 0;
+        for part in (0..parts).filter(|&part| shard.has(part, parts)) {
+            match store.read(part)? {
+                None => missing.push(part),
+                Some(rows) => there += rows.len() as u64,
             }
         }
-        let whole = count(&own);
-        let done = AtomicU64::new(whole - count(&missing));
+        progress(there);
+        let done = AtomicU64::new(there);
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
@@ -385,17 +425,23 @@ impl Batch {
                         .inspect_err(|_| broken.store(true, Ordering::Relaxed)),
                 }
             })
-        })?;
-        Ok(whole)
+        })
     }
 
     /// A run of one trial, for a look at it.
     ///
     /// # Errors
     /// What was drawn makes no scenario.
-    pub fn run(&self, trial: u64) -> Result<(Run, Loaded), Diagnostics> {
-        let loaded = self.scenario(trial)?;
-        Ok((Run::new(&loaded, trial)?, loaded))
+    pub fn run(&self, trial: u64) -> Result<Run, Diagnostics> {
+        Run::new(&self.scenario(trial)?, trial)
+    }
+
+    /// Number of trials of a shard.
+    pub fn share(&self, shard: Shard) -> u64 {
+        let parts = self.manifest.parts();
+        let own = (0..parts).filter(|&part| shard.has(part, parts));
+        own.map(|part| self.manifest.trials_of(part).count() as u64)
+            .sum()
     }
 }
 
@@ -415,7 +461,7 @@ fn marks(file: &Path) -> Result<BTreeMap<String, f64>, BatchError> {
 /// Parts are missing or cannot be read.
 pub fn sum_up(store: &Store) -> Result<(BatchSummary, Vec<Row>), BatchError> {
     let manifest = store.manifest();
-    let mut rows = Vec::with_capacity(manifest.trials as usize);
+    let mut rows = Vec::new();
     let (mut leaves, mut missing) = (Vec::new(), Vec::new());
     for part in 0..manifest.parts() {
         match store.read(part)? {

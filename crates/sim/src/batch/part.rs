@@ -1,9 +1,10 @@
 //! Parts of a batch on disk: Parquet files of [`super::PART`] rows, each written whole or not at all.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use parquet::basic::LogicalType;
@@ -69,6 +70,8 @@ fn hex(bytes: &[u8]) -> String {
 pub struct Store {
     folder: PathBuf,
     manifest: Manifest,
+    /// Names of the files that claim to be a part.
+    files: Mutex<BTreeMap<u64, BTreeSet<String>>>,
 }
 
 fn unwritable(path: &Path, problem: impl std::fmt::Display) -> BatchError {
@@ -99,11 +102,8 @@ impl Store {
         let trials = folder.join("trials");
         fs::create_dir_all(&trials).map_err(|error| unwritable(&trials, error))?;
         let text = serde_json::to_string_pretty(manifest).expect("a manifest is plain data");
-        put(&path, text.as_bytes())?;
-        Ok(Store {
-            folder: folder.to_owned(),
-            manifest: manifest.clone(),
-        })
+        put(folder, &path, text.as_bytes())?;
+        Ok(Self::listed(folder, manifest.clone()))
     }
 
     /// Opens the folder of a batch that was begun.
@@ -121,10 +121,29 @@ impl Store {
             fs::read_to_string(&path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
         let manifest = serde_json::from_str(&text)
             .map_err(|error| wrong(format!("must be the manifest of a batch: {error}")))?;
-        Ok(Store {
+        Ok(Self::listed(folder, manifest))
+    }
+
+    fn listed(folder: &Path, manifest: Manifest) -> Store {
+        let mut files: BTreeMap<u64, BTreeSet<String>> = BTreeMap::new();
+        let entries = fs::read_dir(folder.join("trials"));
+        for entry in entries.into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let part = name
+                .strip_prefix("part-")
+                .and_then(|rest| rest.split_once('-'));
+            if let Some((number, rest)) = part
+                && let Ok(number) = number.parse()
+                && rest.ends_with(".parquet")
+            {
+                files.entry(number).or_default().insert(name);
+            }
+        }
+        Store {
             folder: folder.to_owned(),
             manifest,
-        })
+            files: Mutex::new(files),
+        }
     }
 
     /// The folder.
@@ -137,29 +156,15 @@ impl Store {
         &self.manifest
     }
 
-    fn start(part: u64) -> String {
-        format!("part-{part:07}-")
-    }
-
     /// Files that claim to be a part.
-    fn files(&self, part: u64) -> Vec<PathBuf> {
-        let start = Self::start(part);
-        let entries = fs::read_dir(self.folder.join("trials"));
-        let entries = entries.into_iter().flatten().flatten();
-        let mut files: Vec<PathBuf> = entries
-            .map(|entry| entry.path())
-            .filter(|path| {
-                let name = path.file_name().and_then(|name| name.to_str());
-                name.is_some_and(|name| name.starts_with(&start) && name.ends_with(".parquet"))
-            })
-            .collect();
-        files.sort();
-        files
+    fn files(&self, part: u64) -> BTreeSet<String> {
+        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        files.get(&part).cloned().unwrap_or_default()
     }
 
     fn name(part: u64, rows: &[Row]) -> String {
         let hash = hex(&leaf(rows)[..8]);
-        format!("{}{hash}.parquet", Self::start(part))
+        format!("part-{part:07}-{hash}.parquet")
     }
 
     /// Writes a part, under a name that it takes when it is whole.
@@ -167,17 +172,23 @@ impl Store {
     /// # Errors
     /// Another result of the same part is there, or writing failed.
     pub fn write(&self, part: u64, rows: &[Row]) -> Result<(), BatchError> {
-        let path = self.folder.join("trials").join(Self::name(part, rows));
         match self.read(part)? {
             Some(there) if leaf(&there) == leaf(rows) => return Ok(()),
             Some(_) => return Err(self.differs(part)),
             None => {}
         }
+        let name = Self::name(part, rows);
+        let trials = self.folder.join("trials");
         for damaged in self.files(part) {
+            let damaged = trials.join(damaged);
             fs::remove_file(&damaged).map_err(|error| unwritable(&damaged, error))?;
         }
+        let path = trials.join(&name);
         let bytes = encode(&self.manifest.columns, rows).map_err(|e| unwritable(&path, e))?;
-        put(&path, &bytes)
+        put(&self.folder, &path, &bytes)?;
+        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        files.insert(part, BTreeSet::from([name]));
+        Ok(())
     }
 
     fn differs(&self, part: u64) -> BatchError {
@@ -196,8 +207,8 @@ impl Store {
     /// It is there twice, with different rows.
     pub fn read(&self, part: u64) -> Result<Option<Vec<Row>>, BatchError> {
         let mut found: Option<Vec<Row>> = None;
-        for path in self.files(part) {
-            let Some(rows) = self.whole(part, &path) else {
+        for name in self.files(part) {
+            let Some(rows) = self.whole(part, &name) else {
                 continue;
             };
             if found.is_some() {
@@ -208,23 +219,23 @@ impl Store {
         Ok(found)
     }
 
-    fn whole(&self, part: u64, path: &Path) -> Option<Vec<Row>> {
-        let bytes = fs::read(path).ok()?;
+    fn whole(&self, part: u64, name: &str) -> Option<Vec<Row>> {
+        let bytes = fs::read(self.folder.join("trials").join(name)).ok()?;
         // The crate is not made for damaged files; a part that cannot be read is run again.
         let decoded = AssertUnwindSafe(|| decode(&self.manifest.columns, bytes));
         let rows = catch_unwind(decoded).ok()?.ok()?;
         let trials = rows.iter().map(|row| row.trial);
-        let fits = trials.eq(self.manifest.trials_of(part))
-            && path.file_name()?.to_str()? == Self::name(part, &rows);
+        let fits = trials.eq(self.manifest.trials_of(part)) && name == Self::name(part, &rows);
         fits.then_some(rows)
     }
 }
 
-/// Writes a file beside its place, and then lets it take its name.
-fn put(path: &Path, bytes: &[u8]) -> Result<(), BatchError> {
+/// Writes a file as a draft in `folder`, and then lets it take its place.
+fn put(folder: &Path, path: &Path, bytes: &[u8]) -> Result<(), BatchError> {
     use std::io::Write;
     // Two processes may write the same part at once.
-    let draft = path.with_extension(format!("draft{}", std::process::id()));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let draft = folder.join(format!(".{name}.{}", std::process::id()));
     let save = || -> std::io::Result<()> {
         let mut file = fs::File::create(&draft)?;
         file.write_all(bytes)?;

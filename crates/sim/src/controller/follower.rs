@@ -39,10 +39,14 @@ struct State {
     yaw_rate: f64,
     /// 1 while turning on the spot.
     turning: f64,
+    /// Commanded speeds forward and to the left, m/s.
+    velocity: [f64; 2],
 }
 
 /// Heading error at which the follower stops to turn on the spot, and at which it drives on, rad.
 const TURN: (f64, f64) = (0.8, 0.12);
+/// Share of the speed that a robot keeps however far it is beside its path.
+const SLOWEST: f64 = 0.15;
 /// Yaw rate per heading error where the heading is turned for itself, 1/s.
 const TURN_GAIN: f64 = 3.0;
 
@@ -95,7 +99,8 @@ impl PathFollower {
         }
     }
 
-    /// Speed limit at arc length s, m/s: between points v² is linear, as under constant acceleration.
+    /// Speed limit at arc length s, m/s: between points the lowest of what can be reached from the one
+    /// before, be braked from to the one after, and is allowed at either.
     fn limit(&self, s: f64) -> f64 {
         let last = self.limits.len() - 1;
         if last == 0 {
@@ -103,10 +108,12 @@ impl PathFollower {
         }
         let steps = (s / self.path.ds).clamp(0.0, last as f64);
         let k = (steps.floor() as usize).min(last - 1);
+        let gain = 2.0 * self.tuning.acceleration * self.path.ds;
         let share = steps - k as f64;
-        (self.limits[k] + share * (self.limits[k + 1] - self.limits[k]))
-            .max(0.0)
-            .sqrt()
+        let (before, after) = (self.limits[k], self.limits[k + 1]);
+        let reached = before + share * gain;
+        let braked = after + (1.0 - share) * gain;
+        reached.min(braked).min(before.max(after)).sqrt()
     }
 
     /// Where a point is beside the path's point at arc length s: before it m, left of it m, its
@@ -141,9 +148,10 @@ impl PathFollower {
     /// Speed along the path, m/s, for a robot `offset` beside it.
     fn speed(&self, state: &State, offset: f64, dt: f64) -> f64 {
         let step = self.tuning.acceleration * dt;
-        let ahead = state.progress + state.speed * dt + 0.5 * step * dt;
+        let way = (state.speed + 0.5 * step).min(self.tuning.speed) * dt;
         let off = offset / (0.4 * self.tuning.lookahead);
-        self.limit(ahead) / (1.0 + off * off)
+        let slack = (1.0 / (1.0 + off * off)).max(SLOWEST);
+        self.limit(state.progress + way) * slack
     }
 }
 
@@ -226,6 +234,14 @@ impl Block for PathFollower {
             };
             command.yaw_rate = rate - TURN_GAIN * wrap_angle(yaw - wanted);
         }
+        if tuning.law == Law::Kanayama {
+            // It asks for speed in proportion to how far the robot is behind.
+            let change = 1.5 * tuning.acceleration.max(tuning.lateral_acceleration) * dt;
+            let [forward, left] = state.velocity;
+            command.forward = command.forward.clamp(forward - change, forward + change);
+            command.left = command.left.clamp(left - change, left + change);
+        }
+        state.velocity = [command.forward, command.left];
         let wanted = command.yaw_rate.clamp(-tuning.yaw_rate, tuning.yaw_rate);
         let turn_step = tuning.yaw_acceleration * dt;
         state.yaw_rate = wanted.clamp(state.yaw_rate - turn_step, state.yaw_rate + turn_step);
@@ -248,17 +264,20 @@ impl Block for PathFollower {
 
     fn save(&self, bytes: &mut Vec<u8>) {
         let s = &self.state;
-        save_numbers(&[s.progress, s.speed, s.yaw_rate, s.turning], bytes);
+        let [forward, left] = s.velocity;
+        let numbers = [s.progress, s.speed, s.yaw_rate, s.turning, forward, left];
+        save_numbers(&numbers, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
-        let mut n = [0.0; 4];
+        let mut n = [0.0; 6];
         let used = restore_numbers(&mut n, bytes)?;
         self.state = State {
             progress: n[0],
             speed: n[1],
             yaw_rate: n[2],
             turning: n[3],
+            velocity: [n[4], n[5]],
         };
         Some(used)
     }

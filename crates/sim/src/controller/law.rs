@@ -2,13 +2,14 @@
 
 use appell_model::math::single::{atan2, sin_cos};
 use appell_model::math::wrap_angle;
+use appell_model::pose_error::PoseError;
 
 use crate::plan::Path;
 use crate::scenario::Law;
 
 /// Time by which the commands lead, for the lag of drives and hold, s.
 const LEAD: f64 = 0.04;
-/// Damping of the feedback of heading, twice the ratio: 1 would be critical at 2.
+/// Twice the damping ratio of the offset over the way driven: 2 would be critical.
 const DAMPING: f64 = 1.8;
 /// Largest angle of the front wheel that the Stanley law imagines, rad.
 const STANLEY_MAX: f64 = 1.2;
@@ -48,11 +49,13 @@ pub struct Command {
 /// ∫ (d²/L⁴ + θ²/L² + u²) ds for d′ = θ, θ′ = u − κ² d: the errors beside a path of curvature κ,
 /// to first order, per length driven. L is the lookahead, m; κ in 1/m.
 ///
-/// The Riccati equation of two states has a closed form.
+/// The Riccati equation of two states has a closed form. `[eq:regulator]`
 pub fn regulator(curvature: f64, lookahead: f64) -> [f64; 2] {
     let weight = 1.0 / (lookahead * lookahead);
     let square = curvature * curvature;
-    let offset = (square * square + weight * weight).sqrt() - square;
+    // √(κ⁴ + w²) − κ², without the difference.
+    let root = (square * square + weight * weight).sqrt();
+    let offset = weight * weight / (root + square);
     [offset, (2.0 * offset + weight).sqrt()]
 }
 
@@ -149,7 +152,7 @@ impl Place<'_> {
 
     /// The velocity of a robot that moves sideways, without a yaw rate.
     ///
-    /// Its offset has a first-order motion: the laws of Samson and Stanley and the regulator agree on
+    /// `[eq:sideways]` Its offset has a first-order motion: the laws of Samson and Stanley and the regulator agree on
     /// a direction that drives it out over the lookahead.
     pub fn move_sideways(&self, law: Law, speed: f64) -> Command {
         let (_, heading, _) = self.path.at(self.progress);
@@ -181,11 +184,8 @@ impl Place<'_> {
 
     /// Pose of the path's point in the robot's axes (x_e, y_e, θ_e): m, m, rad. `[eq:pose-error]`
     pub fn error(&self) -> [f64; 3] {
-        let (sine, cosine) = sin_cos(self.heading_error);
-        [
-            -self.along * cosine - self.offset * sine,
-            self.along * sine - self.offset * cosine,
-            -self.heading_error,
-        ]
+        let (point, ..) = self.path.at(self.progress);
+        let heading = self.pose[2] - self.heading_error;
+        PoseError::of(self.pose, [point[0], point[1], heading])
     }
 }

@@ -30,6 +30,7 @@ fn is_consistent(path: &Path) {
         assert!(chord <= path.ds * (1.0 + 1e-9) && chord >= path.ds * (1.0 - 1e-9 - bent * bent));
         let along = appell_model::math::single::atan2(c[1] - a[1], c[0] - a[0]);
         let off = appell_model::math::wrap_angle(along - path.heading[k]);
+        // A jump of the curvature bends the chord by a quarter of it times the spacing.
         assert!(off.abs() < 0.02, "{k}: {off}");
         let rate = (path.heading[k + 1] - path.heading[k - 1]) / (2.0 * path.ds);
         let jump = (path.curvature[k + 1] - path.curvature[k - 1]).abs();
@@ -41,7 +42,7 @@ fn is_consistent(path: &Path) {
 }
 
 #[test]
-fn diff_pieces_end_where_closed_forms_say() {
+fn closed_form_pieces_end_where_closed_forms_say() {
     // A line of 1 m, a quarter circle to the left of 0.5 m, half a circle to the right of 0.3 m.
     let path = pieces(
         None,
@@ -65,7 +66,7 @@ fn diff_pieces_end_where_closed_forms_say() {
 }
 
 #[test]
-fn diff_a_clothoid_ends_at_the_fresnel_integrals() {
+fn closed_form_a_clothoid_ends_at_the_fresnel_integrals() {
     // Heading π s²/2 from 0 to 1: the integrals C(1), S(1) of Abramowitz and Stegun, table 7.7.
     let path = pieces(
         Some([0.0; 3]),
@@ -100,7 +101,7 @@ fn diff_a_clothoid_ends_at_the_fresnel_integrals() {
 }
 
 #[test]
-fn diff_a_rounded_square_is_four_lines_and_four_arcs() {
+fn closed_form_a_rounded_square_is_four_lines_and_four_arcs() {
     let route = Route::Polyline {
         points: vec![[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]],
         radius: 0.4,
@@ -120,7 +121,7 @@ fn diff_a_rounded_square_is_four_lines_and_four_arcs() {
 }
 
 #[test]
-fn diff_a_closed_spline_through_a_circle_is_nearly_one() {
+fn closed_form_a_closed_spline_through_a_circle_is_nearly_one() {
     // 24 knots: the error of a cubic spline is of the fourth power of their distance, that of its
     // curvature of the second.
     let points = (0..24).map(|k| {
@@ -144,7 +145,7 @@ fn diff_a_closed_spline_through_a_circle_is_nearly_one() {
 }
 
 #[test]
-fn an_open_spline_goes_through_its_points() {
+fn invariant_an_open_spline_goes_through_its_points() {
     let points = vec![[0.0, 0.0], [1.0, 0.5], [2.0, -0.5], [3.0, 0.4], [4.5, 0.0]];
     let path = built(
         Route::Spline {
@@ -163,7 +164,7 @@ fn an_open_spline_goes_through_its_points() {
 }
 
 #[test]
-fn refusals_name_the_field() {
+fn refusal_names_the_field() {
     let line = |length: f64| vec![Piece::Line { length }];
     let corner = |radius: f64| Route::Polyline {
         points: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],

@@ -42,7 +42,7 @@ pub struct Vary {
 }
 
 /// Ways of drawing a value. The draw is keyed by seed, trial and path: one more varied value changes
-/// no other.
+/// no other, but for grids, which count together.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Draw {

@@ -130,7 +130,7 @@ fn number(value: f64) -> String {
 }
 
 /// Trials of a batch at the most.
-pub const TRIALS_MAX: u64 = 1_000_000_000;
+pub const TRIALS_MAX: u64 = 100_000_000;
 /// Steps of a run are counted up to here.
 const TICKS_MAX: f64 = 1e12;
 

@@ -387,9 +387,18 @@ fn shape<T: DeserializeOwned>(
             }
             path.push_str(&name);
         }
+        // Within a table of several kinds serde names the outermost only.
+        let inner = current.and_then(|value| within(value));
+        if let Some((_, place, _)) = &inner {
+            path.push_str(place);
+        }
+        let current = inner.as_ref().map_or(current, |(value, ..)| Some(*value));
         // Of a word that is none, toml says "unit variant" whatever it is.
         let got = current.map_or_else(String::new, described);
-        let message = error.inner().message().trim();
+        let message = inner.as_ref().map_or_else(
+            || error.inner().message().trim(),
+            |(.., message)| message.trim(),
+        );
         let message = message.replace("unit variant", &got);
         let (problem, hint, key) = explain(&message);
         // A key that is unknown deep inside is found there.
@@ -405,6 +414,23 @@ fn shape<T: DeserializeOwned>(
         }
         locate(sources, overrides, path, problem, hint)
     })
+}
+
+/// Where a table that is a task has a wrong route: the wrong value, its place below the task, and
+/// what is wrong with it.
+fn within(task: &Value) -> Option<(&Value, String, String)> {
+    fn wrong<T: DeserializeOwned>(value: &Value) -> Option<String> {
+        let read: Result<T, toml::de::Error> = value.clone().try_into();
+        read.err().map(|error| error.message().to_owned())
+    }
+    let route = task.get("path").filter(|route| route.is_table())?;
+    let pieces = route.get("piece").and_then(Value::as_array);
+    for (k, piece) in pieces.into_iter().flatten().enumerate() {
+        if let Some(message) = wrong::<super::Piece>(piece) {
+            return Some((piece, format!(".path.piece.{k}"), message));
+        }
+    }
+    wrong::<super::Route>(route).map(|message| (route, ".path".to_owned(), message))
 }
 
 /// The path, within a table, of the value a message speaks of: below a `kind`, serde names the

@@ -48,16 +48,21 @@ fn drive(path: &Path, law: Law, heading: Heading, start: [f64; 3], seconds: f64)
 }
 
 #[test]
-fn every_law_drives_an_offset_out() {
+fn invariant_every_law_drives_an_offset_out() {
     let path = path_of(vec![Piece::Line { length: 6.0 }]);
     for heading in [Heading::Steer, Heading::Along, Heading::Hold] {
         for law in LAWS {
             let poses = drive(&path, law, heading, [0.0, 0.1, 0.0], 14.0);
             let late = poses.iter().filter(|pose| pose[0] > 4.0);
             let worst = late.map(|pose| pose[1].abs()).fold(0.0, f64::max);
+            // After 16 lookaheads: e^(−0.9·16) of 0.1 m is far below; the period of 5 ms leaves the
+            // rest.
             assert!(worst < 1e-3, "{law:?} {heading:?}: {worst}");
             let end = poses[poses.len() - 1];
+            // A follower stands within 2 mm of the end, and brakes in steps.
             assert!((end[0] - 6.0).abs() < 5e-3, "{law:?} {heading:?}: {end:?}");
+            // Samson's and Kanayama's damping of 0.9 overshoots by e^(−0.9 π / 0.44) of 0.1 m; pure
+            // pursuit's of 0.7 by 4 %; with the limits of the yaw rate some more.
             let overshoot = poses.iter().map(|pose| -pose[1]).fold(0.0, f64::max);
             assert!(overshoot < 0.02, "{law:?} {heading:?}: {overshoot}");
         }
@@ -65,7 +70,7 @@ fn every_law_drives_an_offset_out() {
 }
 
 #[test]
-fn laws_stay_on_a_circle() {
+fn invariant_laws_stay_on_a_circle() {
     let path = path_of(vec![Piece::Arc {
         radius: 1.0,
         angle_deg: 350.0,
@@ -104,7 +109,7 @@ fn laws_stay_on_a_circle() {
 }
 
 #[test]
-fn hold_keeps_the_heading() {
+fn invariant_hold_keeps_the_heading() {
     let path = path_of(vec![
         Piece::Line { length: 1.0 },
         Piece::Arc {
@@ -119,7 +124,7 @@ fn hold_keeps_the_heading() {
 }
 
 #[test]
-fn diff_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
+fn invariant_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
     let path = path_of(vec![Piece::Arc {
         radius: 2.0,
         angle_deg: 90.0,
@@ -157,23 +162,34 @@ fn diff_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
     }
 }
 
-/// Cost of a gain from an initial state, by small steps.
-fn cost(curvature: f64, lookahead: f64, gain: [f64; 2], mut state: [f64; 2]) -> f64 {
-    let (ds, weight) = (1e-3, 1.0 / (lookahead * lookahead));
-    let mut sum = 0.0;
-    for _ in 0..20_000 {
+/// Cost of a gain from an initial state over 20 m, by Runge–Kutta 4 with steps of 5 mm.
+fn cost(curvature: f64, lookahead: f64, gain: [f64; 2], start: [f64; 2]) -> f64 {
+    let weight = 1.0 / (lookahead * lookahead);
+    let rates = |state: [f64; 3]| {
         let u = -gain[0] * state[0] - gain[1] * state[1];
-        sum += (weight * weight * state[0] * state[0] + weight * state[1] * state[1] + u * u) * ds;
-        state = [
-            state[0] + ds * state[1],
-            state[1] + ds * (u - curvature * curvature * state[0]),
-        ];
+        let errors = weight * weight * state[0] * state[0] + weight * state[1] * state[1];
+        [
+            state[1],
+            u - curvature * curvature * state[0],
+            errors + u * u,
+        ]
+    };
+    let ds = 5e-3;
+    let mut state = [start[0], start[1], 0.0];
+    for _ in 0..4000 {
+        let ahead = |k: [f64; 3], h: f64| [0, 1, 2].map(|i| state[i] + h * k[i]);
+        let first = rates(state);
+        let second = rates(ahead(first, 0.5 * ds));
+        let third = rates(ahead(second, 0.5 * ds));
+        let last = rates(ahead(third, ds));
+        state = [0, 1, 2]
+            .map(|i| state[i] + ds / 6.0 * (first[i] + 2.0 * second[i] + 2.0 * third[i] + last[i]));
     }
-    sum
+    state[2]
 }
 
 #[test]
-fn the_regulators_gains_solve_riccati_and_cost_least() {
+fn closed_form_regulators_gains_solve_riccati_and_cost_least() {
     for curvature in [0.0, 0.7, -2.0] {
         for lookahead in [0.15, 0.4] {
             let [k1, k2] = regulator(curvature, lookahead);
@@ -185,9 +201,7 @@ fn the_regulators_gains_solve_riccati_and_cost_least() {
                 let best = cost(curvature, lookahead, [k1, k2], start);
                 for factors in [[1.1, 1.0], [0.9, 1.0], [1.0, 1.1], [1.0, 0.9]] {
                     let other = [k1 * factors[0], k2 * factors[1]];
-                    // Steps of 1 mm leave a part in a thousand; a tenth off the optimum costs more
-                    // where the state moves that gain at all.
-                    assert!(cost(curvature, lookahead, other, start) > best * 0.999);
+                    assert!(cost(curvature, lookahead, other, start) > best);
                 }
             }
         }

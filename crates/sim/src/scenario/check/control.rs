@@ -308,14 +308,16 @@ pub(super) fn check_task(
                 laps,
             );
             match crate::route::path(route, *laps, robot.pose, folder) {
-                Err(fault) if fault.field == "laps" => {
-                    c.refuse(path("laps"), fault.problem, &fault.hint);
+                Err(fault) => c.refuse(fault.path(&base), fault.problem, &fault.hint),
+                Ok(way) => {
+                    c.require(
+                        *end <= 0.5 * way.length,
+                        path("end"),
+                        &format!("at most half of the route's {:.3} m", way.length),
+                        number(*end),
+                    );
+                    check_route(c, &way, *tolerance, &path("path"), robot, arena);
                 }
-                Err(fault) => {
-                    let field = path(&format!("path.{}", fault.field));
-                    c.refuse(field.trim_end_matches('.'), fault.problem, &fault.hint);
-                }
-                Ok(way) => check_route(c, &way, *tolerance, &path("path"), robot, arena),
             }
         }
     }
@@ -381,6 +383,20 @@ fn check_route(
     }
     let follower = robot.controller.as_ref().and_then(Controller::follower);
     let sharpest = crate::design::sharpest_curve(platform);
+    let off = appell_model::math::wrap_angle(robot.pose[2] - way.heading[0]);
+    if off.abs() > std::f64::consts::FRAC_PI_2
+        && sharpest.is_finite()
+        && follower.is_some_and(|follower| follower.heading == Heading::Steer)
+    {
+        c.refuse(
+            base,
+            format!(
+                "must begin within 90 degrees of the robot's heading, for it cannot turn on the spot, got {:.0} degrees from it",
+                off.to_degrees()
+            ),
+            "turn robot.pose, or reverse the path",
+        );
+    }
     if let Some(k) = way
         .curvature
         .iter()

@@ -61,7 +61,19 @@ fn trailer_rules(c: &mut Checker, trailer: &Trailer, platform: &Platform, base: 
     for value in trailer.hitch {
         c.finite(path("hitch"), value);
     }
-    c.finite(path("angle_deg"), trailer.angle_deg);
+    c.require(
+        trailer.angle_deg.abs() <= 90.0,
+        path("angle_deg"),
+        "in [-90, 90]: beyond, the trailer stands in its robot",
+        number(trailer.angle_deg),
+    );
+    if (1..3).contains(&trailer.footprint.len()) {
+        c.refuse(
+            path("footprint"),
+            "must have at least three corners",
+            "leave it out to draw bar and wheels only",
+        );
+    }
     c.finite(path("ahead"), trailer.ahead);
     for (field, value) in [
         ("length", trailer.length),
@@ -88,11 +100,22 @@ fn trailer_rules(c: &mut Checker, trailer: &Trailer, platform: &Platform, base: 
         c.refuse(
             path("ahead"),
             format!(
-                "must be less than the length, {}, got {}",
+                "must be within {} m of the axle, its distance from the hitch, got {}",
                 number(trailer.length),
                 number(trailer.ahead)
             ),
             "it is the distance of the center of mass before the axle",
+        );
+    }
+    let lifted = -trailer.mass * trailer.ahead / trailer.length;
+    if lifted >= platform.body.mass {
+        c.refuse(
+            path("ahead"),
+            format!(
+                "must leave weight on the hitch's robot: a trailer that pulls its hitch up with {lifted:.3} kg lifts a body of {} kg",
+                number(platform.body.mass)
+            ),
+            "move the load ahead of the axle: ahead > 0",
         );
     }
     for corner in trailer.footprint.iter().flatten() {
