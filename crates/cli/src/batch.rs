@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use appell_sim::batch::{self, Batch, BatchError, BatchSummary, Picture, Row, Shard, Store};
+use appell_sim::batch::{
+    self, Batch, BatchError, BatchSummary, Picture, Row, Shard, Store, VariantSummary,
+};
 use appell_sim::record::{Memory, Recorder};
 use appell_sim::report::{self, Press};
 use appell_sim::scenario::TRIALS_MAX;
@@ -83,10 +85,10 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
     }
     if let Some(Shard { index, count: of }) = shard {
         return Ok(format!(
-            "{}: shard {index} of {of}, {count} of {} trials, in {}\n  \
+            "{}: shard {index} of {of}, {count} of {} rows, in {}\n  \
              next: appell batch merge DIR… --out DIR",
             manifest.scenario,
-            manifest.trials,
+            manifest.rows(),
             folder.display()
         ));
     }
@@ -112,8 +114,15 @@ fn pictures(batch: &Batch, rows: &[Row]) -> Result<Vec<Picture>, Failure> {
     let internal = |error: &dyn std::fmt::Display| (exit::INTERNAL, error.to_string());
     let press = Press::new().map_err(|error| internal(&error))?;
     let mut pictures = Vec::new();
-    for (title, trial) in batch::telling(batch.manifest(), rows) {
-        let mut run = batch.run(trial).map_err(|error| internal(&error))?;
+    let variants = 0..batch.manifest().variants.len();
+    let telling = variants.flat_map(|variant| {
+        let found = batch::telling(batch.manifest(), rows, variant).into_iter();
+        found.map(move |(title, trial)| (variant, title, trial))
+    });
+    for (variant, title, trial) in telling {
+        let mut run = batch
+            .run(variant, trial)
+            .map_err(|error| internal(&error))?;
         let mut memory = Memory::bounded(crate::run::REPORT_ROWS);
         let recorder: &mut dyn Recorder = &mut memory;
         let summary = run
@@ -122,6 +131,7 @@ fn pictures(batch: &Batch, rows: &[Row]) -> Result<Vec<Picture>, Failure> {
         let data = report::data(&memory.into_recording(), &summary);
         pictures.push(Picture {
             title: title.into(),
+            variant,
             trial,
             reason: summary.reason,
             svg: press.arena(&data).map_err(|error| internal(&error))?,
@@ -179,18 +189,42 @@ fn digits(value: f64) -> String {
 }
 
 fn text(summary: &BatchSummary, folder: &Path, shown: &Path) -> String {
-    let counts: Vec<String> = summary
+    let mut out = String::new();
+    for variant in &summary.variants {
+        out += &variant_text(summary, variant);
+    }
+    if summary.variants.len() > 1 {
+        let first = &summary.variants[0].name;
+        out += &format!("less {first}, trial by trial, with 95 % intervals that do not hold 0\n");
+    }
+    for variant in &summary.variants {
+        for pair in variant.paired.iter().filter(|p| p.mean.abs() > p.error) {
+            out += &format!(
+                "  {:20}{:>11} ± {:<11} {}\n",
+                variant.name,
+                digits(pair.mean),
+                digits(pair.error),
+                pair.figure
+            );
+        }
+    }
+    out += &format!("  rows: {}\n", folder.join("trials").display());
+    out += &format!("  report: {}\n", shown.display());
+    out
+}
+
+fn variant_text(summary: &BatchSummary, variant: &VariantSummary) -> String {
+    let counts: Vec<String> = variant
         .verdicts
         .iter()
         .map(|(verdict, count)| format!("{count} {verdict}"))
         .collect();
-    let mut out = format!(
-        "{}: {} trials, {}\n",
-        summary.scenario,
-        summary.trials,
-        counts.join(", ")
-    );
-    if let Some(success) = &summary.success {
+    let name = match variant.name.as_str() {
+        "" => summary.scenario.clone(),
+        name => format!("{}, {name}", summary.scenario),
+    };
+    let mut out = format!("{name}: {} trials, {}\n", summary.trials, counts.join(", "));
+    if let Some(success) = &variant.success {
         out += &format!(
             "passed {:.2} %, with 95 % confidence between {:.2} and {:.2} %\n",
             100.0 * success.share,
@@ -198,14 +232,14 @@ fn text(summary: &BatchSummary, folder: &Path, shown: &Path) -> String {
             100.0 * success.high
         );
     }
-    for (reason, count) in summary.failures.iter().take(8) {
+    for (reason, count) in variant.failures.iter().take(8) {
         out += &format!("  {count:>8}  {reason}\n");
     }
-    let names = summary.figures.iter().map(|f| f.name.chars().count());
+    let names = variant.figures.iter().map(|f| f.name.chars().count());
     let width = names.max().unwrap_or(0).min(60);
     let heads = ["mean", "std", "5 %", "median", "95 %"].map(|head| format!("{head:>11}"));
     out += &format!("  {:width$}{}\n", "", heads.concat());
-    for figure in &summary.figures {
+    for figure in &variant.figures {
         let [_, low, _, median, _, high, _] = figure.quantiles;
         let values = [figure.mean, figure.std, low, median, high]
             .map(|value| format!("{:>11}", digits(value)));
@@ -218,7 +252,7 @@ fn text(summary: &BatchSummary, folder: &Path, shown: &Path) -> String {
         out += line.trim_end();
         out.push('\n');
     }
-    let strong = summary
+    let strong = variant
         .influences
         .iter()
         .filter(|i| i.correlation.abs() > 0.3);
@@ -231,7 +265,5 @@ fn text(summary: &BatchSummary, folder: &Path, shown: &Path) -> String {
             influence.correlation, influence.drawn, influence.figure
         );
     }
-    out += &format!("  rows: {}\n", folder.join("trials").display());
-    out += &format!("  report: {}\n", shown.display());
     out
 }

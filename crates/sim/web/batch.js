@@ -17,14 +17,15 @@ import { clamp, escapeText, label, niceStep, plain, px, significant, textWidth, 
  */
 /**
  * @typedef {object} BatchData
- * @property {{ scenario: string, title: string, hash: string, root: string, seed: number, version: string, trials: number, verdicts: Record<string, number>, success?: { share: number, low: number, high: number }, failures: [string, number][], figures: Figure[] }} summary
+ * @property {{ scenario: string, title: string, hash: string, root: string, seed: number, version: string, trials: number, variants: Variant[] }} summary
  * @property {Record<string, Mark>} marks
  * @property {string | null} marked file of the run whose figures are marked
  * @property {string} drawn group of the drawn values
  * @property {string} text
- * @property {Scatter[]} scatters
- * @property {{ title: string, trial: number, reason: string, svg: string }[]} pictures
+ * @property {Scatter[][]} scatters of each variant
+ * @property {{ title: string, variant: number, trial: number, reason: string, svg: string }[]} pictures
  */
+/** @typedef {{ name: string, verdicts: Record<string, number>, success?: { share: number, low: number, high: number }, failures: [string, number][], figures: Figure[], paired?: { figure: string, mean: number, error: number, count: number }[] }} Variant */
 /** @typedef {{ value: number, below: number }} Mark a figure of the marked run, and the share of trials below it */
 /** @typedef {{ influence: { drawn: string, figure: string, correlation: number }, x: (number | null)[], y: (number | null)[], passed: boolean[] }} Scatter */
 
@@ -152,21 +153,57 @@ function cloud(scatter, figure) {
   return `<svg class="picture" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" role="img" aria-label="${escapeText(influence.figure)} against ${escapeText(influence.drawn)}">${title}${grid}${points}${below}</svg>`;
 }
 
-/** @param {BatchData} data */
-function influenceSection(data) {
-  if (data.scatters.length === 0) return '';
-  const figureOf = (/** @type {string} */ name) => data.summary.figures.find(figure => figure.name === name);
-  const clouds = data.scatters.map(scatter => cloud(scatter, figureOf(scatter.influence.figure))).join('');
-  const failed = data.scatters.some(scatter => scatter.passed.includes(false)) && data.summary.success;
+/**
+ * @param {BatchData} data
+ * @param {number} index of the variant
+ */
+function influenceSection(data, index) {
+  const scatters = data.scatters[index] || [];
+  const variant = data.summary.variants[index];
+  if (scatters.length === 0) return '';
+  const figureOf = (/** @type {string} */ name) => variant.figures.find(figure => figure.name === name);
+  const clouds = scatters.map(scatter => cloud(scatter, figureOf(scatter.influence.figure))).join('');
+  const failed = scatters.some(scatter => scatter.passed.includes(false)) && variant.success;
   return `<section aria-label="What matters"><h2>What the drawn values move most <small>ρ: rank correlation, 1 where one always rises with the other, −1 where it falls${failed ? '; red: trials that did not pass' : ''}</small></h2><div class="cells">${clouds}</div></section>`;
 }
 
-/** @param {BatchData} data */
-function pictureSection(data) {
-  if (data.pictures.length === 0) return '';
+/**
+ * @param {BatchData} data
+ * @param {number} index of the variant
+ */
+function pictureSection(data, index) {
+  const pictures = data.pictures.filter(picture => picture.variant === index);
+  if (pictures.length === 0) return '';
   // As images: each picture has ids and a style sheet of its own.
-  const figures = data.pictures.map(picture => `<figure><figcaption><b>${escapeText(picture.title)}</b>, trial ${picture.trial}<br><span class="quiet">${escapeText(picture.reason)}</span></figcaption><img alt="Arena with the path driven in trial ${picture.trial}" src="data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}"></figure>`).join('');
+  const figures = pictures.map(picture => `<figure><figcaption><b>${escapeText(picture.title)}</b>, trial ${picture.trial}<br><span class="quiet">${escapeText(picture.reason)}</span></figcaption><img alt="Arena with the path driven in trial ${picture.trial}" src="data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}"></figure>`).join('');
   return `<section aria-label="Trials"><h2>Trials worth a look <small>run once more, the same to the last bit</small></h2><div class="shots">${figures}</div></section>`;
+}
+
+/**
+ * The variants side by side: success, and the mean of each figure with its difference to the first.
+ * @param {BatchData} data
+ */
+function comparison(data) {
+  const { variants } = data.summary;
+  if (variants.length < 2) return '';
+  const [first] = variants;
+  const head = variants.map(variant => `<th class="right">${escapeText(variant.name)}</th>`).join('');
+  const success = first.success ? `<tr><th scope="row">passed</th>${variants.map(({ success: s }) => `<td class="right">${s ? `${percent(s.share)}<br><small class="quiet">${percent(s.low)} to ${percent(s.high)}</small>` : ''}</td>`).join('')}<td></td></tr>` : '';
+  const rows = first.figures.filter(figure => figure.group !== data.drawn).map(figure => {
+    const cells = variants.map((variant, k) => {
+      const own = variant.figures.find(f => f.name === figure.name);
+      if (!own) return '<td class="right quiet">none</td>';
+      const pair = k > 0 && variant.paired ? variant.paired.find(p => p.figure === figure.name) : undefined;
+      const sign = pair && pair.mean > 0 ? '+' : '';
+      const clear = pair && Math.abs(pair.mean) > pair.error;
+      const difference = pair && (pair.mean !== 0 || pair.error !== 0) ? `<br><small class="${clear ? 'clear' : 'quiet'}">${sign}${significant(pair.mean, 3)} ± ${significant(pair.error, 2)}</small>` : '';
+      return `<td class="right">${significant(own.mean, 4)}${difference}</td>`;
+    }).join('');
+    const spreads = variants.some(variant => { const own = variant.figures.find(f => f.name === figure.name); return own && own.quantiles[6] > own.quantiles[0]; });
+    const unit = figure.unit && figure.unit !== '1' ? escapeText(figure.unit) : '';
+    return spreads ? `<tr><th scope="row">${escapeText(shortName(figure))}</th>${cells}<td>${unit}</td></tr>` : '';
+  }).join('');
+  return `<section aria-label="Comparison"><h2>The variants compared <small>means over the trials; below, the mean difference to ${escapeText(first.name)} in the same trials with its 95 % interval, bold where it does not hold 0</small></h2><div class="wide"><table><thead><tr><th>figure</th>${head}<th>unit</th></tr></thead><tbody>${success}${rows}</tbody></table></div></section>`;
 }
 
 /** @param {number} value */
@@ -175,20 +212,29 @@ function percent(value) {
   return `${shown >= 99.95 || shown < 0.05 ? plain(Math.round(shown * 1000) / 1000) : shown.toFixed(1)} %`;
 }
 
-/** @param {BatchData} data */
-function batchHeader(data) {
-  const { summary } = data;
-  const counts = Object.keys(summary.verdicts).map(verdict => `${summary.verdicts[verdict]} ${verdict}`).join(', ');
-  const { success } = summary;
-  const sentence = success
-    ? `${percent(success.share)} of ${summary.trials} trials passed; with 95 % confidence the share lies between ${percent(success.low)} and ${percent(success.high)}.`
-    : `${summary.trials} trials without a task.`;
-  return `<header><div><h1>${escapeText(summary.title || summary.scenario)}</h1><p>${escapeText(sentence)}</p><p class="quiet">${escapeText(counts)} · seed ${summary.seed}</p></div></header>`;
+/**
+ * @param {Variant} variant
+ * @param {number} trials
+ */
+function sentenceOf({ success, verdicts }, trials) {
+  const counts = Object.keys(verdicts).map(verdict => `${verdicts[verdict]} ${verdict}`).join(', ');
+  return success
+    ? `${percent(success.share)} of ${trials} trials passed; with 95 % confidence the share lies between ${percent(success.low)} and ${percent(success.high)}. (${counts})`
+    : `${trials} trials without a task. (${counts})`;
 }
 
 /** @param {BatchData} data */
-function failureTable(data) {
-  const { failures, trials } = data.summary;
+function batchHeader({ summary }) {
+  const [first, ...others] = summary.variants;
+  const sentence = others.length > 0 ? `${summary.variants.length} variants, ${summary.trials} trials each, with the same noise and the same draws.` : sentenceOf(first, summary.trials);
+  return `<header><div><h1>${escapeText(summary.title || summary.scenario)}</h1><p>${escapeText(sentence)}</p><p class="quiet">seed ${summary.seed}</p></div></header>`;
+}
+
+/**
+ * @param {Variant} variant
+ * @param {number} trials
+ */
+function failureTable({ failures }, trials) {
   if (failures.length === 0) return '';
   const rows = failures.slice(0, 20).map(([reason, count]) => `<tr><th scope="row">${escapeText(reason)}</th><td class="right">${count}</td><td class="right">${percent(count / trials)}</td></tr>`).join('');
   return `<section aria-label="Failures"><h2>Why trials failed <small>numbers within a reason as …</small></h2><div class="wide"><table><thead><tr><th>reason</th><th class="right">trials</th><th class="right">share</th></tr></thead><tbody>${rows}</tbody></table></div></section>`;
@@ -197,12 +243,13 @@ function failureTable(data) {
 /**
  * The figures of a group: histograms of those that spread, then all as a table.
  * @param {BatchData} data
+ * @param {Variant} variant
  * @param {string} group
  */
-function groupOf(data, group) {
-  const figures = data.summary.figures.filter(figure => figure.group === group);
+function groupOf(data, variant, group) {
+  const figures = variant.figures.filter(figure => figure.group === group);
   const spread = figures.filter(figure => figure.quantiles[6] > figure.quantiles[0]);
-  const several = data.summary.figures.some(figure => figure.group !== group && figure.group !== data.drawn);
+  const several = variant.figures.some(figure => figure.group !== group && figure.group !== data.drawn);
   const heading = group === data.drawn ? 'Drawn values' : several ? group : 'Figures';
   const cells = spread.map(figure => histogram(figure, data.marks[figure.name])).join('');
   const value = (/** @type {number} */ v) => significant(v, 4);
@@ -219,17 +266,30 @@ function groupOf(data, group) {
 }
 
 /**
+ * All about one variant.
+ * @param {BatchData} data
+ * @param {Variant} variant
+ * @param {number} index
+ */
+function variantOf(data, variant, index) {
+  /** @type {string[]} */
+  const groups = [];
+  for (const figure of variant.figures) if (!groups.includes(figure.group) && (index === 0 || figure.group !== data.drawn)) groups.push(figure.group);
+  const several = data.summary.variants.length > 1;
+  const title = several ? `<h1 class="variant">${escapeText(variant.name)}</h1><p>${escapeText(sentenceOf(variant, data.summary.trials))}</p>` : '';
+  return `${title}${failureTable(variant, data.summary.trials)}\n${pictureSection(data, index)}\n${influenceSection(data, index)}\n${groups.map(group => groupOf(data, variant, group)).join('\n')}`;
+}
+
+/**
  * The body of a batch's report.
  * @param {BatchData} data
  */
 export function batchBody(data) {
-  /** @type {string[]} */
-  const groups = [];
-  for (const figure of data.summary.figures) if (!groups.includes(figure.group)) groups.push(figure.group);
-  const key = `<p class="quiet">Bars: trials in each of 40 equal intervals. Thick line: the middle 90 %. Thin line: median.${data.marked ? ` Red line: the run of ${escapeText(data.marked)}, and the share of trials below it.` : ''}</p>`;
+  const key = `<p class="quiet">Histograms: trials in each of 40 equal intervals. Thick line: the middle 90 %. Thin line: median.${data.marked ? ` Red line: the run of ${escapeText(data.marked)}, and the share of trials below it.` : ''}</p>`;
   const facts = [['version', `appell ${data.summary.version}`], ['seed', data.summary.seed], ['trials', data.summary.trials]];
   const footer = `<footer><dl>${facts.map(([k, v]) => `<div><dt>${k}</dt><dd>${escapeText(v)}</dd></div>`).join('')}<div class="hash"><dt>hash</dt><dd>${escapeText(data.summary.hash)}</dd></div><div class="hash"><dt>root of the rows</dt><dd>${escapeText(data.summary.root)}</dd></div></dl></footer>`;
-  return `<main class="batch">\n${batchHeader(data)}\n${failureTable(data)}\n${pictureSection(data)}\n${influenceSection(data)}\n${key}\n${groups.map(group => groupOf(data, group)).join('\n')}\n<section aria-label="Scenario"><h2>Scenario <small>${escapeText(data.summary.scenario)}</small></h2><pre tabindex="0">${escapeText(data.text.trim())}</pre></section>${footer}\n</main>`;
+  const variants = data.summary.variants.map((variant, index) => variantOf(data, variant, index)).join('\n');
+  return `<main class="batch">\n${batchHeader(data)}\n${key}\n${comparison(data)}\n${variants}\n<section aria-label="Scenario"><h2>Scenario <small>${escapeText(data.summary.scenario)}</small></h2><pre tabindex="0">${escapeText(data.text.trim())}</pre></section>${footer}\n</main>`;
 }
 
 /**

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{DRAWN, Manifest, Row};
+use super::{Column, DRAWN, Manifest, Row};
 
 /// Share of trials that passed, with an interval: of such intervals 95 % hold the true share.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
@@ -60,8 +60,17 @@ pub struct BatchSummary {
     pub seed: u64,
     /// Version of the program.
     pub version: String,
-    /// Number of trials.
+    /// Number of trials of each variant.
     pub trials: u64,
+    /// What each variant says; one without a name where there are none.
+    pub variants: Vec<VariantSummary>,
+}
+
+/// What the trials of a variant say.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct VariantSummary {
+    /// Name; empty where there are no variants.
+    pub name: String,
     /// How many trials had each verdict.
     pub verdicts: BTreeMap<String, u64>,
     /// Share that passed; none without a task.
@@ -74,6 +83,22 @@ pub struct BatchSummary {
     /// How much drawn values have to do with the figures, the most first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub influences: Vec<Influence>,
+    /// Figures of its trials less those of the same trials of the first variant.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paired: Vec<Paired>,
+}
+
+/// Mean difference of a figure between the same trials of two variants.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Paired {
+    /// Name of its column.
+    pub figure: String,
+    /// Mean.
+    pub mean: f64,
+    /// Half of the interval about it of which 95 % hold the true mean: 1.96 standard errors.
+    pub error: f64,
+    /// Number of trials that have it in both.
+    pub count: u64,
 }
 
 /// How much a drawn value has to do with a figure.
@@ -96,6 +121,8 @@ pub const PASSED: &str = "passed";
 pub struct Picture {
     /// Which it is, such as `the quickest`.
     pub title: String,
+    /// Place of its variant.
+    pub variant: usize,
     /// Number of the trial.
     pub trial: u64,
     /// What became of it.
@@ -262,7 +289,58 @@ fn influences(manifest: &Manifest, rows: &[Row]) -> Vec<Influence> {
     found
 }
 
+/// Differences of the figures of rows to those of other rows of the same trials.
+fn paired(manifest: &Manifest, rows: &[Row], others: &[Row]) -> Vec<Paired> {
+    let columns = manifest.columns.iter().enumerate();
+    let figures = columns.filter(|(_, column)| column.group != DRAWN);
+    let difference = |(k, column): (usize, &Column)| {
+        let apart = rows
+            .iter()
+            .zip(others)
+            .map(|(a, b)| a.values[k] - b.values[k]);
+        let apart: Vec<f64> = apart.filter(|value| value.is_finite()).collect();
+        let count = apart.len() as f64;
+        let mean = apart.iter().sum::<f64>() / count.max(1.0);
+        let squares: f64 = apart.iter().map(|v| (v - mean) * (v - mean)).sum();
+        let deviation = (squares / (count - 1.0).max(1.0)).sqrt();
+        (apart.len() > 1).then(|| Paired {
+            figure: column.name.clone(),
+            mean,
+            error: Z * deviation / count.sqrt(),
+            count: apart.len() as u64,
+        })
+    };
+    figures.filter_map(difference).collect()
+}
+
+/// The rows of each variant.
+fn by_variant<'a>(manifest: &Manifest, rows: &'a [Row]) -> std::slice::Chunks<'a, Row> {
+    rows.chunks(manifest.trials.max(1) as usize)
+}
+
 pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSummary {
+    let first = by_variant(manifest, rows).next().unwrap_or_default();
+    let variants = manifest.variants.iter().zip(by_variant(manifest, rows));
+    let variants = variants.enumerate().map(|(k, (name, rows))| {
+        let mut summary = sum_up_variant(manifest, rows, name);
+        if k > 0 {
+            summary.paired = paired(manifest, rows, first);
+        }
+        summary
+    });
+    BatchSummary {
+        scenario: manifest.scenario.clone(),
+        title: manifest.title.clone(),
+        hash: manifest.hash.clone(),
+        root,
+        seed: manifest.seed,
+        version: manifest.version.clone(),
+        trials: manifest.trials,
+        variants: variants.collect(),
+    }
+}
+
+fn sum_up_variant(manifest: &Manifest, rows: &[Row], name: &str) -> VariantSummary {
     let mut verdicts: BTreeMap<String, u64> = BTreeMap::new();
     let mut reasons: BTreeMap<String, u64> = BTreeMap::new();
     for row in rows {
@@ -284,25 +362,21 @@ pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSu
             let mark = manifest.marks.get(&column.name).copied();
             Some(Figure { mark, ..figure })
         });
-    BatchSummary {
-        scenario: manifest.scenario.clone(),
-        title: manifest.title.clone(),
-        hash: manifest.hash.clone(),
-        root,
-        seed: manifest.seed,
-        version: manifest.version.clone(),
-        trials: rows.len() as u64,
+    VariantSummary {
+        name: name.to_owned(),
         verdicts,
         success: (manifest.has_task).then(|| Success::of(passed, rows.len() as u64)),
         failures,
         figures: figures.collect(),
         influences: influences(manifest, rows),
+        paired: Vec::new(),
     }
 }
 
 /// Trials worth a look, with what they are: the quickest, the median and the slowest of those that
-/// passed, and the first that failed.
-pub fn telling(manifest: &Manifest, rows: &[Row]) -> Vec<(&'static str, u64)> {
+/// passed, and the first that failed, of a variant.
+pub fn telling(manifest: &Manifest, rows: &[Row], variant: usize) -> Vec<(&'static str, u64)> {
+    let rows = by_variant(manifest, rows).nth(variant).unwrap_or_default();
     let times = times(manifest, rows);
     let mut passed: Vec<(f64, u64)> = rows
         .iter()
@@ -338,6 +412,34 @@ pub fn report(
     rows: &[Row],
     pictures: &[Picture],
 ) -> Value {
+    let marks: BTreeMap<&String, Value> = manifest
+        .marks
+        .iter()
+        .map(|(name, mark)| {
+            let values = column(manifest, rows, name);
+            let known = values.iter().filter(|value| value.is_finite()).count();
+            let below = values.iter().filter(|value| *value < mark).count();
+            let share = below as f64 / known.max(1) as f64;
+            (name, json!({"value": mark, "below": share}))
+        })
+        .collect();
+    let variants = summary.variants.iter().zip(by_variant(manifest, rows));
+    let scatters: Vec<Value> = variants
+        .map(|(variant, rows)| scatters(manifest, variant, rows))
+        .collect();
+    json!({
+        "summary": summary,
+        "marks": marks,
+        "marked": manifest.marked,
+        "drawn": DRAWN,
+        "text": manifest.text,
+        "scatters": scatters,
+        "pictures": pictures,
+    })
+}
+
+/// Clouds of points of what drawn values move most.
+fn scatters(manifest: &Manifest, summary: &VariantSummary, rows: &[Row]) -> Value {
     let every = rows.len().div_ceil(POINTS).max(1);
     let scatter = |influence: &Influence| {
         let [x, y] = [&influence.drawn, &influence.figure].map(|name| {
@@ -353,30 +455,10 @@ pub fn report(
             .collect();
         json!({"influence": influence, "x": x, "y": y, "passed": passed})
     };
-    let scatters: Vec<Value> = summary
+    summary
         .influences
         .iter()
         .take(SCATTERS)
         .map(scatter)
-        .collect();
-    let marks: BTreeMap<&String, Value> = manifest
-        .marks
-        .iter()
-        .map(|(name, mark)| {
-            let values = column(manifest, rows, name);
-            let known = values.iter().filter(|value| value.is_finite()).count();
-            let below = values.iter().filter(|value| *value < mark).count();
-            let share = below as f64 / known.max(1) as f64;
-            (name, json!({"value": mark, "below": share}))
-        })
-        .collect();
-    json!({
-        "summary": summary,
-        "marks": marks,
-        "marked": manifest.marked,
-        "drawn": DRAWN,
-        "text": manifest.text,
-        "scatters": scatters,
-        "pictures": pictures,
-    })
+        .collect()
 }

@@ -23,7 +23,9 @@ use crate::run::{Outcome, Run, Summary, hash};
 use crate::scenario::{self, Diagnostics, Loaded, Overrides, Vary};
 
 pub use draw::{parse, refuse};
-pub use figures::{BatchSummary, Figure, Influence, Picture, Success, report, telling};
+pub use figures::{
+    BatchSummary, Figure, Influence, Paired, Picture, Success, VariantSummary, report, telling,
+};
 pub use part::Store;
 
 /// Trials of a part.
@@ -47,6 +49,8 @@ pub struct Column {
 pub struct Row {
     /// Number of the trial.
     pub trial: u64,
+    /// Name of its variant; empty where there are none.
+    pub variant: String,
     /// `passed`, `failed`, `stopped` without a task; `error` where the run broke off, `invalid` where
     /// the drawn values make no scenario.
     pub verdict: String,
@@ -74,8 +78,10 @@ pub struct Manifest {
     pub seed: u64,
     /// Version of the program.
     pub version: String,
-    /// Number of trials.
+    /// Number of trials of each variant.
     pub trials: u64,
+    /// Names of the variants; one without a name where there are none.
+    pub variants: Vec<String>,
     /// Whether a robot has a task.
     pub has_task: bool,
     /// Columns of the rows' values: first those that are drawn.
@@ -89,14 +95,24 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// Number of parts.
-    pub fn parts(&self) -> u64 {
-        self.trials.div_ceil(PART)
+    /// Number of rows: all trials of one variant after the other.
+    pub fn rows(&self) -> u64 {
+        self.trials * self.variants.len() as u64
     }
 
-    /// Trials of a part.
-    pub fn trials_of(&self, part: u64) -> Range<u64> {
-        part * PART..((part + 1) * PART).min(self.trials)
+    /// Number of parts.
+    pub fn parts(&self) -> u64 {
+        self.rows().div_ceil(PART)
+    }
+
+    /// Rows of a part.
+    pub fn rows_of(&self, part: u64) -> Range<u64> {
+        part * PART..((part + 1) * PART).min(self.rows())
+    }
+
+    /// Variant and trial of a row.
+    pub fn place(&self, row: u64) -> (usize, u64) {
+        ((row / self.trials) as usize, row % self.trials)
     }
 }
 
@@ -139,8 +155,8 @@ impl Shard {
 /// A batch, ready to run.
 pub struct Batch {
     file: PathBuf,
-    overrides: Vec<(String, String)>,
-    loaded: Loaded,
+    /// Each variant with its own overrides.
+    variants: Vec<(Loaded, Vec<(String, String)>)>,
     manifest: Manifest,
 }
 
@@ -213,16 +229,39 @@ impl Batch {
             seed: scenario.seed,
             version: env!("CARGO_PKG_VERSION").into(),
             trials: plan.trials,
+            variants: match plan.variant.as_slice() {
+                [] => vec![String::new()],
+                named => named.iter().map(|variant| variant.name.clone()).collect(),
+            },
             has_task: scenario.robot.iter().any(|robot| robot.task.is_some()),
             columns: Vec::new(),
             marked: plan.mark.clone(),
             marks,
             text: loaded.resolved.clone(),
         };
+        let mut variants = Vec::new();
+        for variant in &plan.variant {
+            let mut own = overrides.to_vec();
+            let values = variant.set.iter();
+            own.extend(values.map(|(path, value)| (path.clone(), value.to_string())));
+            let mut changed = scenario::load(file, &own).map_err(|mut problem| {
+                for diagnostic in &mut problem.0 {
+                    if variant.set.contains_key(&diagnostic.path) {
+                        let name = format!("{}: variant {}", file.display(), variant.name);
+                        diagnostic.file = PathBuf::from(name);
+                    }
+                }
+                problem
+            })?;
+            changed.scenario.batch = Some(plan.clone());
+            variants.push((changed, own));
+        }
+        if variants.is_empty() {
+            variants.push((loaded, overrides.to_vec()));
+        }
         let mut batch = Batch {
             file: file.to_owned(),
-            overrides: overrides.to_vec(),
-            loaded,
+            variants,
             manifest,
         };
         let drawn = plan.vary.iter().map(|vary| Column {
@@ -231,9 +270,14 @@ impl Batch {
             group: DRAWN.into(),
         });
         batch.manifest.columns = drawn.collect();
-        let probed: Vec<Result<Summary, Diagnostics>> = (0..PROBES.min(plan.trials))
-            .into_par_iter()
-            .map(|trial| batch.summary(trial))
+        // The first trials of each variant.
+        let probes = PROBES.min(plan.trials);
+        let places: Vec<(usize, u64)> = (0..batch.variants.len())
+            .flat_map(|variant| (0..probes).map(move |trial| (variant, trial)))
+            .collect();
+        let probed: Vec<Result<Summary, Diagnostics>> = places
+            .par_iter()
+            .map(|&(variant, trial)| batch.summary(variant, trial))
             .collect();
         // A mistake of the settings breaks all trials, an unlucky draw only its own.
         if let Some(Err(problem)) = probed.first()
@@ -263,11 +307,11 @@ impl Batch {
             });
         }
         // The first rows stand for all that the text only names, such as the files it reads.
-        let rows = (0..).zip(probed);
-        let probed: Vec<Row> = rows.map(|(trial, probe)| batch.row(trial, probe)).collect();
+        let rows = places.into_iter().zip(probed);
+        let probed: Vec<Row> = rows.map(|(place, probe)| batch.row(place, probe)).collect();
         batch.manifest.hash = hash(&format!(
             "{}\n{}\n{}\n{}\n{}",
-            batch.loaded.resolved,
+            batch.manifest.text,
             env!("CARGO_PKG_VERSION"),
             serde_json::to_string(&plan).expect("a plan is plain data"),
             serde_json::to_string(&batch.manifest.columns).expect("columns are plain data"),
@@ -276,26 +320,22 @@ impl Batch {
         Ok(batch)
     }
 
-    /// The scenario.
-    pub fn loaded(&self) -> &Loaded {
-        &self.loaded
-    }
-
     /// What its rows belong to.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// The scenario of a trial, with what is drawn for it.
+    /// The scenario of a trial of a variant, with what is drawn for it.
     ///
     /// # Errors
     /// What was drawn makes no scenario.
-    pub fn scenario(&self, trial: u64) -> Result<Loaded, Diagnostics> {
+    pub fn scenario(&self, variant: usize, trial: u64) -> Result<Loaded, Diagnostics> {
         let drawn = self.drawn(trial);
+        let (loaded, own) = &self.variants[variant];
         if drawn.is_empty() {
-            return Ok(self.loaded.clone());
+            return Ok(loaded.clone());
         }
-        let mut overrides = self.overrides.clone();
+        let mut overrides = own.clone();
         for (path, value) in drawn {
             // Keys of whole numbers take no fraction; the others take a whole number, too.
             let is_whole = value == value.round() && value.abs() < 1e15;
@@ -309,7 +349,7 @@ impl Batch {
             // What was drawn is none of the user's own changes.
             for diagnostic in &mut problem.0 {
                 let same = |(path, _): &(String, String)| *path == diagnostic.path;
-                if diagnostic.at.is_none() && !self.overrides.iter().any(same) {
+                if diagnostic.at.is_none() && !own.iter().any(same) {
                     diagnostic.file = PathBuf::from("--vary");
                 }
             }
@@ -317,28 +357,29 @@ impl Batch {
         })
     }
 
-    /// Values drawn for a trial, with their paths.
+    /// Values drawn for a trial, with their paths; the same for all variants.
     pub fn drawn(&self, trial: u64) -> Vec<(String, f64)> {
-        let plan = self.loaded.scenario.batch.as_ref();
+        let plan = self.variants[0].0.scenario.batch.as_ref();
         let vary = plan.map_or(&[][..], |batch| &batch.vary);
-        draw::values(vary, self.loaded.scenario.seed, trial)
+        draw::values(vary, self.manifest.seed, trial)
     }
 
-    fn summary(&self, trial: u64) -> Result<Summary, Diagnostics> {
-        let mut run = self.run(trial)?;
+    fn summary(&self, variant: usize, trial: u64) -> Result<Summary, Diagnostics> {
+        let mut run = self.run(variant, trial)?;
         let summary = run.execute(&mut Nothing, &mut |_| {});
         Ok(summary.expect("nothing is written that could fail"))
     }
 
-    /// Runs one trial.
-    pub fn trial(&self, trial: u64) -> Row {
-        self.row(trial, self.summary(trial))
+    /// Runs one trial of a variant.
+    pub fn trial(&self, variant: usize, trial: u64) -> Row {
+        self.row((variant, trial), self.summary(variant, trial))
     }
 
-    /// The row of a trial.
-    fn row(&self, trial: u64, summary: Result<Summary, Diagnostics>) -> Row {
+    /// The row of a trial of a variant.
+    fn row(&self, (variant, trial): (usize, u64), summary: Result<Summary, Diagnostics>) -> Row {
         let mut row = Row {
             trial,
+            variant: self.manifest.variants[variant].clone(),
             verdict: "invalid".into(),
             reason: String::new(),
             values: vec![f64::NAN; self.manifest.columns.len()],
@@ -409,15 +450,16 @@ impl Batch {
                 hint: "ask for fewer with --threads",
             })?;
         let broken = AtomicBool::new(false);
-        let run = |trial: u64| {
-            let row = (!broken.load(Ordering::Relaxed)).then(|| self.trial(trial));
+        let run = |row: u64| {
+            let (variant, trial) = self.manifest.place(row);
+            let row = (!broken.load(Ordering::Relaxed)).then(|| self.trial(variant, trial));
             progress(done.fetch_add(1, Ordering::Relaxed) + 1);
             row
         };
         pool.install(|| {
             missing.par_iter().try_for_each(|&part| {
-                let trials = self.manifest.trials_of(part).into_par_iter();
-                let rows: Option<Vec<Row>> = trials.map(run).collect();
+                let places = self.manifest.rows_of(part).into_par_iter();
+                let rows: Option<Vec<Row>> = places.map(run).collect();
                 match rows {
                     None => Ok(()),
                     Some(rows) => store
@@ -432,15 +474,15 @@ impl Batch {
     ///
     /// # Errors
     /// What was drawn makes no scenario.
-    pub fn run(&self, trial: u64) -> Result<Run, Diagnostics> {
-        Run::new(&self.scenario(trial)?, trial)
+    pub fn run(&self, variant: usize, trial: u64) -> Result<Run, Diagnostics> {
+        Run::new(&self.scenario(variant, trial)?, trial)
     }
 
     /// Number of trials of a shard.
     pub fn share(&self, shard: Shard) -> u64 {
         let parts = self.manifest.parts();
         let own = (0..parts).filter(|&part| shard.has(part, parts));
-        own.map(|part| self.manifest.trials_of(part).count() as u64)
+        own.map(|part| self.manifest.rows_of(part).count() as u64)
             .sum()
     }
 }
@@ -476,7 +518,7 @@ pub fn sum_up(store: &Store) -> Result<(BatchSummary, Vec<Row>), BatchError> {
         return Err(BatchError::Folder {
             path: store.folder().to_owned(),
             problem: format!(
-                "lacks {} of {} parts, the first from trial {}",
+                "lacks {} of {} parts, the first from row {}",
                 missing.len(),
                 manifest.parts(),
                 first * PART

@@ -21,7 +21,7 @@ use sha2::{Digest, Sha256};
 use super::{BatchError, Column, Manifest, Row};
 
 /// Columns of text after the trial's number.
-const TEXTS: [&str; 3] = ["verdict", "reason", "other"];
+const TEXTS: [&str; 4] = ["variant", "verdict", "reason", "other"];
 
 /// A hash of SHA-256.
 pub(super) type Hash = [u8; 32];
@@ -31,7 +31,7 @@ pub(super) fn leaf(rows: &[Row]) -> Hash {
     let mut digest = Sha256::new();
     for row in rows {
         digest.update(row.trial.to_le_bytes());
-        for text in [&row.verdict, &row.reason, &row.other] {
+        for text in [&row.variant, &row.verdict, &row.reason, &row.other] {
             digest.update((text.len() as u64).to_le_bytes());
             digest.update(text.as_bytes());
         }
@@ -224,8 +224,13 @@ impl Store {
         // The crate is not made for damaged files; a part that cannot be read is run again.
         let decoded = AssertUnwindSafe(|| decode(&self.manifest.columns, bytes));
         let rows = catch_unwind(decoded).ok()?.ok()?;
-        let trials = rows.iter().map(|row| row.trial);
-        let fits = trials.eq(self.manifest.trials_of(part)) && name == Self::name(part, &rows);
+        let place = |row: u64| {
+            let (variant, trial) = self.manifest.place(row);
+            (self.manifest.variants[variant].as_str(), trial)
+        };
+        let own = rows.iter().map(|row| (row.variant.as_str(), row.trial));
+        let fits =
+            own.eq(self.manifest.rows_of(part).map(place)) && name == Self::name(part, &rows);
         fits.then_some(rows)
     }
 }
@@ -283,7 +288,11 @@ fn encode(columns: &[Column], rows: &[Row]) -> Result<Vec<u8>, ParquetError> {
     column.close()?;
     for k in 0..TEXTS.len() {
         let mut column = group.next_column()?.ok_or_else(short)?;
-        let text = |row: &Row| [&row.verdict, &row.reason, &row.other][k].as_str().into();
+        let text = |row: &Row| {
+            [&row.variant, &row.verdict, &row.reason, &row.other][k]
+                .as_str()
+                .into()
+        };
         let texts: Vec<ByteArray> = rows.iter().map(text).collect();
         column
             .typed::<ByteArrayType>()
@@ -349,9 +358,10 @@ fn decode(columns: &[Column], bytes: Vec<u8>) -> Result<Vec<Row>, ParquetError> 
             let numbers = values.iter().map(|column| column.get(row).copied());
             Ok(Row {
                 trial: trials[row] as u64,
-                verdict: text(0, row)?,
-                reason: text(1, row)?,
-                other: text(2, row)?,
+                variant: text(0, row)?,
+                verdict: text(1, row)?,
+                reason: text(2, row)?,
+                other: text(3, row)?,
                 values: numbers.collect::<Option<_>>().ok_or_else(damaged)?,
             })
         })

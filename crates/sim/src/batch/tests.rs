@@ -137,7 +137,7 @@ fn invariant_a_trial_alone_is_that_of_the_batch() {
     let store = shard(&batch, &folder, Shard::WHOLE, 2);
     let rows = store.read(0).expect("reads").expect("rows");
     for trial in [0, 17, 39] {
-        let (alone, row) = (batch.trial(trial), &rows[trial as usize]);
+        let (alone, row) = (batch.trial(0, trial), &rows[trial as usize]);
         assert_eq!(alone.verdict, row.verdict);
         let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&alone.values), bits(&row.values));
@@ -149,11 +149,56 @@ fn invariant_a_trial_alone_is_that_of_the_batch() {
     }
     // More noise, more error: by ranks, and nearly always.
     let (summary, _) = sum_up(&store).expect("sums up");
-    let influence = summary.influences.iter().find(|influence| {
+    let influence = summary.variants[0].influences.iter().find(|influence| {
         influence.drawn.ends_with("std")
             && influence.figure.ends_with("front-left.rate_command, std")
     });
     assert!(influence.expect("an influence").correlation > 0.9);
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
+/// Variants meet the same draws and the same noise, so that one which changes nothing differs by
+/// nothing, trial by trial.
+#[test]
+fn invariant_variants_share_their_draws() {
+    let text = std::fs::read_to_string(shipped("house-seeds.toml")).expect("a scenario");
+    let variants = "[batch]\nvary = [{ path = \"robot.real.wheel_noise.0.std\", draw = { kind = \"uniform\", low = 0.001, high = 0.01 } }]\n\
+        variant = [{ name = \"as-is\", set = {} }, { name = \"same\", set = { \"robot.restored.servo.angle_feedback\" = 5.0 } }, \
+        { name = \"lazy\", set = { \"robot.restored.servo.angle_feedback\" = 1.0 } }]\n";
+    let folder = scratch("variants");
+    std::fs::create_dir_all(folder.join("scenarios")).expect("a folder");
+    let robots = shipped("../robots");
+    let text = text
+        .replace("[batch]\ntrials = 10000\nmark = \"house.toml\"", variants)
+        .replace("../robots", &robots.to_string_lossy())
+        .replace("duration = 20.0", "duration = 2.0");
+    let file = folder.join("scenarios/variants.toml");
+    std::fs::write(&file, text).expect("written");
+    let batch = Batch::new(&file, &[], Some(100), &[]).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(batch.manifest().rows(), 300);
+    let store = shard(&batch, &folder, Shard::WHOLE, 2);
+    let (summary, rows) = sum_up(&store).expect("sums up");
+    let [_, same, lazy] = &summary.variants[..] else {
+        panic!("three variants");
+    };
+    assert!(
+        same.paired
+            .iter()
+            .all(|pair| pair.mean == 0.0 && pair.error == 0.0)
+    );
+    let yaw = |pair: &&super::Paired| pair.figure == "ideal less restored: sensor.note.x, std";
+    let pair = lazy.paired.iter().find(yaw).expect("a figure");
+    assert!(pair.mean > 10.0 * pair.error, "{pair:?}");
+    for trial in 0..100 {
+        assert_eq!(
+            rows[trial].values[0].to_bits(),
+            rows[200 + trial].values[0].to_bits()
+        );
+        assert_eq!(
+            (rows[trial].trial, &*rows[200 + trial].variant),
+            (trial as u64, "lazy")
+        );
+    }
     std::fs::remove_dir_all(&folder).expect("removed");
 }
 

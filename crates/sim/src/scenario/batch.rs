@@ -15,6 +15,10 @@ pub struct Batch {
     /// Values of the scenario that are drawn for each trial.
     #[serde(default)]
     pub vary: Vec<Vary>,
+    /// Variants to be compared: each runs all trials, with the same noise and the same draws. The
+    /// first is what the others are compared with.
+    #[serde(default)]
+    pub variant: Vec<Variant>,
     /// Scenario file, relative to this one, whose figures are marked in the distributions: a
     /// published run, say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -26,9 +30,21 @@ impl Default for Batch {
         Batch {
             trials: defaults::trials(),
             vary: Vec::new(),
+            variant: Vec::new(),
             mark: None,
         }
     }
+}
+
+/// A variant of the scenario.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variant {
+    /// Name, unique among the variants.
+    pub name: String,
+    /// Values by their paths, as of `--set`: numbers, words, truth values or lists.
+    #[schemars(with = "std::collections::BTreeMap<String, serde_json::Value>")]
+    pub set: toml::Table,
 }
 
 /// A value of the scenario that is drawn for each trial.

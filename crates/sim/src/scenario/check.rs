@@ -190,6 +190,12 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
             &format!("in [1, {TRIALS_MAX}]"),
             batch.trials,
         );
+        let names = batch.variant.iter().map(|variant| variant.name.as_str());
+        c.unique("batch.variant", "name", names);
+        for variant in &batch.variant {
+            let path = format!("batch.variant.{}.name", variant.name);
+            c.name(path, &variant.name);
+        }
         for (k, vary) in batch.vary.iter().enumerate() {
             if let Some((field, problem)) = crate::batch::refuse(&vary.draw) {
                 c.refuse(format!("batch.vary.{k}.draw.{field}"), problem, "");

@@ -13,7 +13,7 @@ mod task;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use batch::{Batch, Draw, Vary};
+pub use batch::{Batch, Draw, Variant, Vary};
 pub use check::{TRIALS_MAX, check};
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Loaded, Overrides, load, load_robot, load_text};
