@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::run::{Outcome, Run, Summary, hash};
-use crate::scenario::{self, Diagnostics, Loaded, Overrides, Vary};
+use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Vary};
 
 pub use draw::{parse, refuse};
 pub use figures::{
@@ -298,13 +298,15 @@ impl Batch {
         if let Some(marked) = &plan.mark
             && !batch.manifest.columns.iter().any(in_common)
         {
-            return Err(BatchError::Folder {
-                path: file.to_owned(),
+            return Err(BatchError::Scenario(Diagnostics(vec![Diagnostic {
+                file: file.to_owned(),
+                at: None,
+                path: "batch.mark".into(),
                 problem: format!(
-                    "batch.mark must be a scenario with figures of the same names, got \"{marked}\""
+                    "must be a scenario with figures of the same names, got \"{marked}\""
                 ),
-                hint: "name a scenario with the same robots and tables",
-            });
+                hint: Some("name a scenario with the same robots and tables".into()),
+            }])));
         }
         // The first rows stand for all that the text only names, such as the files it reads.
         let rows = places.into_iter().zip(probed);
