@@ -64,8 +64,7 @@ fn answer(options: &InverseOptions) -> Result<(String, Demanded), String> {
     let file = robot.platform.as_ref().ok_or("the robot has no platform")?;
     let platform = build::platform(file, build::DriveModel::AsBuilt, ground.gravity_normal)
         .map_err(|error| format!("{error:?}"))?;
-    let demanded = inverse::demanded(&platform, ground, friction, &motions)
-        .map_err(|problem| format!("robot.{}: {problem}", robot.name))?;
+    let demanded = inverse::demanded(&platform, ground, friction, &motions);
     Ok((robot.name.clone(), demanded))
 }
 

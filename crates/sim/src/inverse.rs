@@ -1,5 +1,7 @@
 //! Inverse dynamics of a robot along a trajectory: what a motion demands of drives and ground.
 
+use std::f64::consts::PI;
+
 use appell_model::drive::Drive;
 use appell_model::ground::Ground;
 use appell_model::math::hypot;
@@ -186,22 +188,15 @@ struct Wheel {
 /// Torques, currents, voltages, power and contact forces that a motion needs, with the first place
 /// where each limit is broken.
 ///
-/// # Errors
-/// The robot has casters with inertia of their own, whose angles a trajectory of the base does not
-/// give.
+/// Steered wheels point where their mounts go; casters with mass and trailers swivel as the motion
+/// makes them, from trailing behind at its start.
 pub fn demanded(
     platform: &Platform<f64>,
     ground: Ground<f64>,
     friction: Option<f64>,
     motions: &[Motion],
-) -> Result<Demanded, String> {
+) -> Demanded {
     let layout = platform.layout().clone();
-    if !layout.constant {
-        return Err(
-            "must be a robot without a trailer, whose casters have neither mass nor losses: their swivelling is not part of a trajectory"
-                .into(),
-        );
-    }
     let wheels: Vec<Wheel> = platform
         .wheels()
         .iter()
@@ -217,24 +212,18 @@ pub fn demanded(
     let u = vec![0.0; layout.input()];
     let n = layout.dof();
     let mut table = Table::default();
-    let mut angles = vec![0.0; layout.swivels.len()];
-    for motion in motions {
+    let swivels = Swivels::along(platform, motions);
+    for (row, motion) in motions.iter().enumerate() {
         let [forward, left, turn] = motion.twist;
-        let v = platform.velocity_from_twist(vec2(forward, left), turn, &[]);
+        let (rates, accelerations) = swivels.steering(platform, row);
+        let v = platform.velocity_from_twist(vec2(forward, left), turn, &rates);
         let v_rate = platform.velocity_from_twist(
             vec2(motion.rates[0], motion.rates[1]),
             motion.rates[2],
-            &[],
+            &accelerations,
         );
-        let (velocity, yaw_rate) = platform.twist(&v);
-        for (angle, &i) in angles.iter_mut().zip(&layout.swivels) {
-            let pivot: Vec2<f64> = velocity + platform.wheels()[i].mount.perpendicular() * yaw_rate;
-            // Trailing casters, once they move at all.
-            if hypot(pivot.x, pivot.y) > 1e-6 {
-                *angle = atan2(pivot.y, pivot.x);
-            }
-        }
-        let mut x = rest_state(platform, motion.pose, &angles);
+        let (velocity, _) = platform.twist(&v);
+        let mut x = rest_state(platform, motion.pose, &swivels.angles[row]);
         x[layout.velocity()..][..n].copy_from_slice(&v[..n]);
         let spins = |v: &[f64; appell_model::solve::MAX_DOF]| -> Vec<f64> {
             let (velocity, yaw_rate) = platform.twist(v);
@@ -287,6 +276,12 @@ pub fn demanded(
                     });
                 }
             }
+            if layout.steered.contains(&i) {
+                let angle = platform.steering_angle(i, &x);
+                table.put(&format!("wheel.{name}.steering_angle"), "rad", angle);
+                let torque = demand.steering[i];
+                table.put(&format!("wheel.{name}.steering_torque"), "N·m", torque);
+            }
             let (along, across) = (demand.longitudinal[i], demand.lateral[i]);
             table.put(&format!("wheel.{name}.force.longitudinal"), "N", along);
             table.put(&format!("wheel.{name}.force.lateral"), "N", across);
@@ -311,7 +306,126 @@ pub fn demanded(
         }
     }
     table.electric(&wheels);
-    Ok(table.done)
+    table.done
+}
+
+/// Angles of the wheels that swivel, along a motion.
+struct Swivels {
+    /// Angle of each swivelling wheel at each instant, rad.
+    angles: Vec<Vec<f64>>,
+    /// Rate of each at each instant, rad/s.
+    rates: Vec<Vec<f64>>,
+    /// Angular acceleration of each, rad/s².
+    accelerations: Vec<Vec<f64>>,
+}
+
+/// Speed of a mount below which its direction says nothing, m/s.
+const STANDS: f64 = 1e-6;
+
+impl Swivels {
+    fn along(platform: &Platform<f64>, motions: &[Motion]) -> Swivels {
+        let layout = platform.layout();
+        let count = layout.swivels.len();
+        let mut swivels = Swivels {
+            angles: vec![vec![0.0; count]; motions.len()],
+            rates: vec![vec![0.0; count]; motions.len()],
+            accelerations: vec![vec![0.0; count]; motions.len()],
+        };
+        for (k, &i) in layout.swivels.iter().enumerate() {
+            if layout.steered.contains(&i) {
+                swivels.steer(k, platform.wheels()[i].mount, motions);
+            } else if platform.wheels()[i].trail() != 0.0 {
+                swivels.swing(k, i, platform, motions);
+            }
+        }
+        swivels
+    }
+
+    /// Steering rates and accelerations at an instant, of the wheels that motors steer.
+    fn steering(&self, platform: &Platform<f64>, row: usize) -> (Vec<f64>, Vec<f64>) {
+        let layout = platform.layout();
+        let place = |i: &usize| layout.swivels.iter().position(|swivel| swivel == i);
+        let places: Vec<usize> = layout.steered.iter().filter_map(place).collect();
+        let of = |table: &[Vec<f64>]| places.iter().map(|&k| table[row][k]).collect();
+        (of(&self.rates), of(&self.accelerations))
+    }
+
+    /// A wheel that points where its mount goes, the end nearer to where it pointed before leading.
+    fn steer(&mut self, k: usize, mount: Vec2<f64>, motions: &[Motion]) {
+        let mut known: Option<f64> = None;
+        for (row, motion) in motions.iter().enumerate() {
+            let at = |[x, y, turn]: [f64; 3]| vec2(x, y) + mount.perpendicular() * turn;
+            let (velocity, rate) = (at(motion.twist), at(motion.rates));
+            let square = velocity.dot(velocity);
+            if square > STANDS * STANDS {
+                let heading = atan2(velocity.y, velocity.x);
+                let before = known.unwrap_or(0.0);
+                let half_turns = ((heading - before) / PI).round();
+                let angle = heading - half_turns * PI;
+                if known.is_none() {
+                    // Until it moves it stands as it will.
+                    self.angles[..row]
+                        .iter_mut()
+                        .for_each(|angles| angles[k] = angle);
+                }
+                known = Some(angle);
+                // Of a heading atan2(v_y, v_x).
+                self.rates[row][k] = velocity.cross(rate) / square;
+            }
+            self.angles[row][k] = known.unwrap_or(0.0);
+        }
+        let last = motions.len() - 1;
+        for row in 0..=last {
+            let (before, after) = (row.saturating_sub(1), (row + 1).min(last));
+            let span = motions[after].t - motions[before].t;
+            if span > 0.0 {
+                let change = self.rates[after][k] - self.rates[before][k];
+                self.accelerations[row][k] = change / span;
+            }
+        }
+    }
+
+    /// A caster or trailer that swings as the constraint at its axle makes it, by Runge–Kutta 4 on
+    /// twists that change evenly between the instants.
+    fn swing(&mut self, k: usize, i: usize, platform: &Platform<f64>, motions: &[Motion]) {
+        /// Steps between two instants.
+        const STEPS: usize = 8;
+        let wheel = &platform.wheels()[i];
+        let rate = |angle: f64, twist: [f64; 3]| {
+            let (sin, cos) = sin_cos(angle);
+            let frame = wheel.frame(cos, sin);
+            platform.caster_rate(i, &frame, vec2(twist[0], twist[1]), twist[2])
+        };
+        let mount = |twist: [f64; 3]| {
+            let velocity = vec2(twist[0], twist[1]) + wheel.mount.perpendicular() * twist[2];
+            (hypot(velocity.x, velocity.y) > STANDS).then(|| atan2(velocity.y, velocity.x))
+        };
+        // It trails behind where its pivot first goes.
+        let mut angle = motions
+            .iter()
+            .find_map(|motion| mount(motion.twist))
+            .unwrap_or(0.0);
+        for row in 0..motions.len() {
+            self.angles[row][k] = angle;
+            self.rates[row][k] = rate(angle, motions[row].twist);
+            let Some(next) = motions.get(row + 1) else {
+                break;
+            };
+            let (from, to) = (motions[row].twist, next.twist);
+            let h = (next.t - motions[row].t) / STEPS as f64;
+            for step in 0..STEPS {
+                let twist = |share: f64| {
+                    let share = (step as f64 + share) / STEPS as f64;
+                    [0, 1, 2].map(|axis| from[axis] + share * (to[axis] - from[axis]))
+                };
+                let first = rate(angle, twist(0.0));
+                let second = rate(angle + 0.5 * h * first, twist(0.5));
+                let third = rate(angle + 0.5 * h * second, twist(0.5));
+                let last = rate(angle + h * third, twist(1.0));
+                angle += h / 6.0 * (first + 2.0 * second + 2.0 * third + last);
+            }
+        }
+    }
 }
 
 /// Columns as they grow, row by row.

@@ -481,3 +481,51 @@ fn invariant_causes_of_odometry_errors() {
         }
     }
 }
+
+/// The torques that a recorded motion demands are those that drove it: a steered wheel, and a cart
+/// that swings behind.
+#[test]
+fn invariant_inverse_of_a_recording_gives_its_torques() {
+    use appell_sim::{build, inverse};
+    for (file, robot) in [("tricycle.toml", "agv"), ("trailer.toml", "tug")] {
+        let loaded = load(file, &[]);
+        let (recording, _) = execute(&loaded);
+        let column = |signal: &str| {
+            let path = format!("robot.{robot}.{signal}");
+            recording.column(&path).expect("recorded")
+        };
+        let times = &recording.times;
+        let [x, y, yaw] = ["pose.x", "pose.y", "pose.yaw"].map(column);
+        let motions = inverse::sampled(times, x, y, yaw).expect("rows");
+        let platform = loaded.scenario.robot[0]
+            .platform
+            .as_ref()
+            .expect("a platform");
+        let platform =
+            build::platform(platform, build::DriveModel::AsBuilt, 9.81).expect("checked");
+        let ground = build::ground(&loaded.scenario.terrain);
+        let demanded = inverse::demanded(&platform, ground, None, &motions);
+        for signal in [
+            "wheel.front.torque",
+            "wheel.front.force.lateral",
+            "wheel.front.steering_angle",
+        ] {
+            let found = demanded
+                .columns
+                .iter()
+                .find(|(known, _)| known.path == signal);
+            let (found, recorded) = (&found.expect("a column").1, column(signal));
+            // Not the start and the end, where the splines of the poses have the kink of rest.
+            let inside = times.iter().position(|&t| t > 1.0).expect("rows")..times.len() - 100;
+            let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+            // Commands step every 10 ms and the motors' torques with them, of which a row shows one
+            // moment: means over 0.2 s have it out.
+            let mean =
+                |values: &[f64], k: usize| values[k - 10..=k + 10].iter().sum::<f64>() / 21.0;
+            let apart = square(&mut inside.clone().map(|k| mean(found, k) - mean(recorded, k)));
+            let size = square(&mut inside.clone().map(|k| mean(recorded, k)));
+            let share = (apart / size).sqrt();
+            assert!(share < 0.03, "{file} {signal}: {share}");
+        }
+    }
+}
