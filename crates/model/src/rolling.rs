@@ -489,15 +489,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         let (loads, margin) = self.carry(x, &longitudinal, &lateral);
         y[6] = margin;
         for i in 0..layout.wheels {
-            let wheel = &self.platform.wheels()[i];
-            // The axle of a trailer carries its own share, whatever the body does; where the loads of
-            // the others are not known, neither is its.
-            let load = if wheel.is_towed() && self.support.is_some() {
-                wheel.mass * self.ground.gravity_normal
-            } else {
-                loads[i]
-            };
-            y[layout.wheel_output(i, WheelOutput::Load)] = load;
+            y[layout.wheel_output(i, WheelOutput::Load)] = loads[i];
         }
         debug_assert_eq!(y.len(), BODY_OUTPUTS + WHEEL_OUTPUTS * layout.wheels);
     }

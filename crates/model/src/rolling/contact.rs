@@ -162,7 +162,15 @@ impl<T: Scalar> Rolling<T> {
         let weight = mass * self.ground.gravity_normal;
         let center = moment * (T::one() / mass);
         let point = Support::zero_moment_point(weight, center, height / mass, force);
-        (support.loads(weight, point), support.margin(point))
+        let mut loads = support.loads(weight, point);
+        for i in 0..self.platform.layout().wheels {
+            let wheel = &self.platform.wheels()[i];
+            if wheel.is_towed() {
+                // The axle of a trailer carries its own share, whatever the body does.
+                loads[i] = wheel.mass * self.ground.gravity_normal;
+            }
+        }
+        (loads, support.margin(point))
     }
 }
 
