@@ -152,6 +152,7 @@ impl<T: Scalar, const N: usize> MulAssign for Dual<T, N> {
 
 impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     type Mask = T::Mask;
+    type Single = Dual<T::Single, N>;
 
     const LANES: usize = T::LANES;
 
@@ -163,6 +164,24 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     #[inline(always)]
     fn lane(self, index: usize) -> f64 {
         self.value.lane(index)
+    }
+
+    #[inline(always)]
+    fn single(self, index: usize) -> Self::Single {
+        let mut result = Dual::constant(self.value.single(index));
+        for k in 0..N {
+            result.derivative[k] = self.derivative[k].single(index);
+        }
+        result
+    }
+
+    #[inline(always)]
+    fn from_singles(mut single: impl FnMut(usize) -> Self::Single) -> Self {
+        let mut result = Self::constant(T::from_singles(|i| single(i).value));
+        for k in 0..N {
+            result.derivative[k] = T::from_singles(|i| single(i).derivative[k]);
+        }
+        result
     }
 
     #[inline(always)]

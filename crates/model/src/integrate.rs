@@ -10,6 +10,7 @@ mod runge_kutta;
 
 use crate::dynamics::{Dynamics, Input, Work};
 use crate::scalar::Scalar;
+use crate::wide::is_at_hand;
 
 pub use adaptive::{Adaptive, Stalled, Watch};
 pub use exponential::Exponential;
@@ -31,8 +32,15 @@ struct Steps<'a, T, M, I> {
     mode: &'a mut [T],
 }
 
-/// A method of fixed steps: `step` is compiled for fused multiply-add where the processor has it.
-/// The bits are the same either way: `mul_add` is fused everywhere.
+/// Steps on a system of N states and a linear part of size Z, or of sizes that only run time knows.
+///
+/// Each twin is a function of its own: together they would be one that takes minutes to compile.
+struct On<'a, S, W, const N: usize, const Z: usize> {
+    system: &'a S,
+    steps: W,
+}
+
+/// A method of fixed steps, made by the widest instructions.
 macro_rules! stepped {
     ($method:ident) => {
         impl<T: Scalar> $method<T> {
@@ -71,39 +79,12 @@ macro_rules! stepped {
                     x,
                     mode,
                 };
-                #[cfg(target_arch = "x86_64")]
-                {
-                    #[target_feature(enable = "avx2,fma")]
-                    fn fused<T: Scalar, S: Dynamics<T>, I: Input<T>>(
-                        system: &S,
-                        steps: Steps<'_, T, $method<T>, I>,
-                    ) {
-                        // Twins are compiled for held inputs only, as control loops give them: they
-                        // are large, and what varies within a step comes from tests and tools.
-                        let input = steps.input;
-                        match input.held() {
-                            Some(u) => system.specialised(u, steps),
-                            None => steps.run::<0, 0, S>(system),
-                        }
-                    }
-                    if std::arch::is_x86_feature_detected!("avx2")
-                        && std::arch::is_x86_feature_detected!("fma")
-                    {
-                        // SAFETY: the features that `fused` is compiled for were found on this
-                        // processor.
-                        #[allow(unsafe_code)]
-                        unsafe {
-                            fused(system, steps);
-                        }
-                    } else {
-                        // Rare machines, for which no sizes are compiled in.
-                        steps.run::<0, 0, S>(system);
-                    }
-                }
-                #[cfg(not(target_arch = "x86_64"))]
+                // Twins are compiled for held inputs only, as control loops give them: they are
+                // large, and what varies within a step comes from tests and tools; nor for machines
+                // without fused multiply-add, which are rare.
                 match input.held() {
-                    Some(u) => system.specialised(u, steps),
-                    None => steps.run::<0, 0, S>(system),
+                    Some(u) if is_at_hand::<T>() => system.specialised(u, steps),
+                    _ => steps.run::<0, 0, S>(system),
                 }
             }
         }

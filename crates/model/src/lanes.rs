@@ -7,9 +7,14 @@
 // compiled for a wider instruction set.
 #![allow(clippy::needless_range_loop)]
 
+#[cfg(target_arch = "x86_64")]
+mod avx;
+
 use core::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 use crate::math::{self, Bits};
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::Registers;
 use crate::scalar::{Mask, Scalar};
 
 /// `N` numbers side by side.
@@ -35,6 +40,46 @@ pub struct LaneMask<const N: usize>(
     /// Value of each lane.
     pub [bool; N],
 );
+
+/// Work on numbers of a kind that is chosen at run time.
+pub trait AnyLanes {
+    /// What comes of it.
+    type Output;
+    /// Does it with numbers of one, four or eight lanes.
+    fn run<T: Scalar>(self) -> Self::Output;
+}
+
+/// The widest lanes that are of use on this machine: 4 or 8 (1 without vector registers).
+pub fn widest() -> usize {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if crate::wide::has(Registers::Avx512) {
+            8
+        } else if crate::wide::has(Registers::Avx2) {
+            4
+        } else {
+            1
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    4
+}
+
+/// Does a job on at most `lanes` lanes, as many as the machine has registers for. Lanes are a matter
+/// of speed: each has the bits of the run with plain numbers.
+pub fn dispatch<J: AnyLanes>(lanes: usize, job: J) -> J::Output {
+    #[cfg(target_arch = "x86_64")]
+    match lanes.min(widest()) {
+        8.. => job.run::<avx::Avx8>(),
+        4.. => job.run::<avx::Avx4>(),
+        _ => job.run::<f64>(),
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    match lanes {
+        4.. => job.run::<Lanes4>(),
+        _ => job.run::<f64>(),
+    }
+}
 
 impl<const N: usize> From<f64> for Lanes<N> {
     /// The same value in every lane.
@@ -153,6 +198,7 @@ impl<const N: usize> Mask for LaneMask<N> {
 
 impl<const N: usize> Scalar for Lanes<N> {
     type Mask = LaneMask<N>;
+    type Single = f64;
 
     const LANES: usize = N;
 
@@ -164,6 +210,16 @@ impl<const N: usize> Scalar for Lanes<N> {
     #[inline(always)]
     fn lane(self, index: usize) -> f64 {
         self.0[index]
+    }
+
+    #[inline(always)]
+    fn single(self, index: usize) -> f64 {
+        self.0[index]
+    }
+
+    #[inline(always)]
+    fn from_singles(single: impl FnMut(usize) -> f64) -> Self {
+        Self::from_lanes(single)
     }
 
     #[inline(always)]

@@ -11,24 +11,58 @@
 // compiled without the instruction set that the step was entered with: it costs up to tenfold.
 #![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 
-/// A function compiled twice: for fused multiply-add in hardware, where the processor has it, and
-/// for any processor. The bits are the same, for `mul_add` is fused everywhere.
+/// A function compiled for each set of registers that its numbers may live in, see [`wide`]. The
+/// bits are the same by all, for `mul_add` is fused everywhere.
 macro_rules! fused {
-    ($(#[$meta:meta])* pub fn $name:ident $(<$($generic:ident: $bound:path),*>)?
+    ($(#[$meta:meta])* $vis:vis fn $name:ident <$scalar:ident: Scalar $(, $generic:ident: $bound:path)*>
         ($($arg:ident: $ty:ty),* $(,)?) $(-> $result:ty)? $body:block) => {
         $(#[$meta])*
-        pub fn $name $(<$($generic: $bound),*>)? ($($arg: $ty),*) $(-> $result)? {
+        $vis fn $name <$scalar: Scalar $(, $generic: $bound)*> ($($arg: $ty),*) $(-> $result)? {
             #[inline(always)]
-            fn plain $(<$($generic: $bound),*>)? ($($arg: $ty),*) $(-> $result)? $body
+            fn plain <$scalar: Scalar $(, $generic: $bound)*> ($($arg: $ty),*) $(-> $result)? $body
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[inline(never)]
+                #[target_feature(enable = "avx2,fma")]
+                fn quick <$scalar: Scalar $(, $generic: $bound)*> ($($arg: $ty),*) $(-> $result)? {
+                    plain($($arg),*)
+                }
+                #[inline(never)]
+                #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512vl,avx512bw")]
+                fn wide <$scalar: Scalar $(, $generic: $bound)*> ($($arg: $ty),*) $(-> $result)? {
+                    plain($($arg),*)
+                }
+                use $crate::scalar::Registers;
+                // SAFETY: numbers in registers exist only where the processor has those, and plain
+                // ones go this way only where it has them, too.
+                #[allow(unsafe_code)]
+                unsafe {
+                    if matches!(<$scalar as Scalar>::REGISTERS, Registers::Avx512) {
+                        return wide($($arg),*);
+                    }
+                    if matches!(<$scalar as Scalar>::REGISTERS, Registers::Avx2)
+                        || $crate::wide::has(Registers::Avx2)
+                    {
+                        return quick($($arg),*);
+                    }
+                }
+            }
+            plain($($arg),*)
+        }
+    };
+    ($(#[$meta:meta])* $vis:vis fn $name:ident
+        ($($arg:ident: $ty:ty),* $(,)?) $(-> $result:ty)? $body:block) => {
+        $(#[$meta])*
+        $vis fn $name ($($arg: $ty),*) $(-> $result)? {
+            #[inline(always)]
+            fn plain ($($arg: $ty),*) $(-> $result)? $body
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,fma")]
-                fn quick $(<$($generic: $bound),*>)? ($($arg: $ty),*) $(-> $result)? {
+                fn quick ($($arg: $ty),*) $(-> $result)? {
                     plain($($arg),*)
                 }
-                if std::arch::is_x86_feature_detected!("avx2")
-                    && std::arch::is_x86_feature_detected!("fma")
-                {
+                if $crate::wide::has($crate::scalar::Registers::Avx2) {
                     // SAFETY: the features that `quick` is compiled for were found here.
                     #[allow(unsafe_code)]
                     return unsafe { quick($($arg),*) };
@@ -46,6 +80,7 @@ pub mod ground;
 pub mod integrate;
 pub mod kinematic;
 pub mod lanes;
+pub mod lanewise;
 pub mod math;
 pub mod planar;
 pub mod platform;
@@ -56,3 +91,4 @@ pub mod solve;
 pub mod support;
 pub mod trailer;
 pub mod wheel;
+pub mod wide;

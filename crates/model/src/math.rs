@@ -38,16 +38,16 @@ pub(crate) trait Bits: Scalar {
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
 /// Binary form of [`core::f64::consts::FRAC_1_SQRT_2`], the start of the interval of [`Bits::split`].
-const SQRT_HALF_BITS: u64 = 0x3fe6_a09e_667f_3bcd;
+pub(crate) const SQRT_HALF_BITS: u64 = 0x3fe6_a09e_667f_3bcd;
 
 /// Binary form of 1.
-const ONE_BITS: u64 = 0x3ff0_0000_0000_0000;
+pub(crate) const ONE_BITS: u64 = 0x3ff0_0000_0000_0000;
 
 /// Bits of the significand.
-const SIGNIFICAND: u64 = 0x000f_ffff_ffff_ffff;
+pub(crate) const SIGNIFICAND: u64 = 0x000f_ffff_ffff_ffff;
 
 /// 2⁵²: an integer below it, placed in the significand of this number, is added to it.
-const TWO_52: f64 = 4_503_599_627_370_496.0;
+pub(crate) const TWO_52: f64 = 4_503_599_627_370_496.0;
 
 /// [`Bits::power_of_two`] of one lane.
 #[inline(always)]

@@ -9,6 +9,7 @@ mod basis;
 mod layout;
 
 use crate::drive::{DcMotor, Drive};
+use crate::lanewise::Lanewise;
 use crate::planar::{Vec2, vec2};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Condition, MAX_DOF, Mobility, Row, Square, add_outer, dot, zero_row};
@@ -100,7 +101,7 @@ pub struct Convective<T> {
 
 /// Writes cosine and sine of the angle at `at` behind it.
 #[inline(always)]
-fn renew_angle<T: Scalar>(x: &mut [T], at: usize) {
+pub(crate) fn renew_angle<T: Scalar>(x: &mut [T], at: usize) {
     let (sin, cos) = x[at].sin_cos();
     x[at + 1] = cos;
     x[at + 2] = sin;
@@ -140,7 +141,7 @@ impl<T: Scalar> Platform<T> {
                 return Err(PlatformError::RollerAngle(wheel.name.clone()));
             }
         }
-        let (basis, eta) = fixed_basis(&wheels)?;
+        let (basis, eta, independent) = fixed_basis(&wheels)?;
         let select = |keep: &dyn Fn(&Wheel<T>) -> bool| -> Vec<usize> {
             (0..wheels.len()).filter(|&i| keep(&wheels[i])).collect()
         };
@@ -185,6 +186,7 @@ impl<T: Scalar> Platform<T> {
             eta,
             constant,
             fixed_rank: 3 - eta,
+            independent,
         };
         let direction = |angle: T| {
             let (sin, cos) = angle.sin_cos();
@@ -677,6 +679,21 @@ impl<T: Scalar> Reduced<T> {
                 self.momentum[axis][k] = mass.mul_add(rows[axis][k], self.momentum[axis][k]);
             }
         }
+    }
+}
+
+impl<T: Scalar> Lanewise for Platform<T> {
+    type One = Platform<f64>;
+
+    fn fits(&self, one: &Platform<f64>) -> bool {
+        self.layout == one.layout && self.body.fits(&one.body) && self.wheels.fits(&one.wheels)
+    }
+
+    fn put(&mut self, lane: usize, one: &Platform<f64>) {
+        self.body.put(lane, &one.body);
+        self.wheels.put(lane, &one.wheels);
+        let wheels = core::mem::take(&mut self.wheels);
+        *self = Platform::new(self.body, wheels).expect("a platform of platforms that are checked");
     }
 }
 

@@ -142,7 +142,7 @@ impl<T: Scalar> Rolling<T> {
     fn reduced_in<'a>(&'a self, x: &[T], room: &'a mut Option<Reduced<T>>) -> &'a Reduced<T> {
         match &self.constant {
             Some(constant) => &constant.reduced,
-            None => room.insert(self.platform.reduce(x)),
+            None => room.insert(reduce(&self.platform, x)),
         }
     }
 
@@ -270,8 +270,9 @@ impl<T: Scalar> Rolling<T> {
             sticking |= forces.actions[i].stuck.any();
         }
         if sticking {
-            let (mut v_rate, mut mobility) = self.steered_acceleration(x, reduced, forces);
-            self.hold(
+            let (mut v_rate, mut mobility) = steered_acceleration(self, x, reduced, forces);
+            friction::hold(
+                self,
                 reduced,
                 &forces.stuck(),
                 &forces.convective,
@@ -284,7 +285,7 @@ impl<T: Scalar> Rolling<T> {
     }
 
     /// The accelerations under the conditions of steered wheels only, with the mobility they leave.
-    #[inline(never)]
+    #[inline(always)]
     fn steered_acceleration(
         &self,
         x: &[T],
@@ -311,7 +312,7 @@ impl<T: Scalar> Rolling<T> {
     }
 
     /// The derivative of any platform.
-    #[inline(never)]
+    #[inline(always)]
     fn any_derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
         let layout = self.platform.layout();
         let n = layout.dof();
@@ -407,6 +408,111 @@ impl<T: Scalar> Rolling<T> {
         let carried = forces.velocity + mount.perpendicular() * forces.yaw_rate;
         steering_rate * frame.forward.dot(carried)
     }
+
+    /// See [`Dynamics::decide`]; for wheels with dry friction.
+    #[inline(always)]
+    fn stick_or_slide(&self, x: &[T], u: &[T], mode: &mut [T]) {
+        let layout = self.platform.layout();
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
+        let at = layout.velocity();
+        let n = layout.dof();
+        let mut resting = T::Mask::splat(false);
+        for i in 0..layout.wheels {
+            if self.axles[i].rubs {
+                // Nothing holds a wheel without friction, and one with friction may rest unseen:
+                // a brake closes on a wheel that stands still.
+                let rate = dot(n, &reduced.spin[i], &x[at..at + n]);
+                let bounded = T::zero().less(self.bound(i, u));
+                let rests = bounded.and(is_zero(mode[i]).or(is_zero(rate)));
+                let turning = T::select(is_zero(mode[i]), T::one().copysign(rate), mode[i]);
+                mode[i] = T::select(rests, T::zero(), turning);
+                resting = resting.or(rests);
+            }
+        }
+        if resting.any() {
+            friction::release(self, x, u, mode, reduced);
+        }
+    }
+
+    /// See [`Dynamics::settle`]; for wheels with dry friction, and steered ones.
+    #[inline(always)]
+    fn come_to_rest(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let steered = !layout.steered.is_empty();
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
+        let at = layout.velocity();
+        let mut held = T::Mask::splat(false);
+        let mut caught = T::Mask::splat(false);
+        for i in 0..layout.wheels {
+            if !self.axles[i].rubs {
+                continue;
+            }
+            let rate = dot(n, &reduced.spin[i], &x[at..at + n]);
+            let bound = self.bound(i, u);
+            let rested = is_zero(mode[i]);
+            let rests = rested.or((rate * mode[i]).less_equal(T::zero()));
+            let sticks = rests.and(T::zero().less(bound));
+            mode[i] = T::select(sticks, T::zero(), T::one().copysign(rate));
+            held = held.or(sticks);
+            caught = caught.or(sticks.and(rested.not()));
+        }
+        if self.constant.is_none() && caught.any() {
+            // A wheel that turning wheel planes carry through rest is not held by its friction, and
+            // must not stop the robot.
+            friction::release(self, x, u, mode, reduced);
+        }
+        if !steered && !held.any() {
+            return;
+        }
+        friction::project(self, x, u, mode, reduced);
+    }
+}
+
+// What is no part of the common step is a function of its own, so that the step stays small; and each
+// is entered by the widest instructions anew.
+fused! {
+    /// See [`Platform::reduce`].
+    fn reduce<T: Scalar>(platform: &Platform<T>, x: &[T]) -> Reduced<T> {
+        platform.reduce(x)
+    }
+}
+fused! {
+    /// See [`Rolling::any_derivative`].
+    fn any_derivative<T: Scalar>(
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        dx: &mut [T],
+    ) {
+        rolling.any_derivative(x, u, mode, dx);
+    }
+}
+fused! {
+    /// See [`Rolling::steered_acceleration`].
+    fn steered_acceleration<T: Scalar>(
+        rolling: &Rolling<T>,
+        x: &[T],
+        reduced: &Reduced<T>,
+        forces: &Forces<T>,
+    ) -> (Row<T>, Mobility<T>) {
+        rolling.steered_acceleration(x, reduced, forces)
+    }
+}
+fused! {
+    /// See [`Rolling::stick_or_slide`].
+    fn stick_or_slide<T: Scalar>(rolling: &Rolling<T>, x: &[T], u: &[T], mode: &mut [T]) {
+        rolling.stick_or_slide(x, u, mode);
+    }
+}
+fused! {
+    /// See [`Rolling::come_to_rest`].
+    fn come_to_rest<T: Scalar>(rolling: &Rolling<T>, x: &mut [T], u: &[T], mode: &mut [T]) {
+        rolling.come_to_rest(x, u, mode);
+    }
 }
 
 impl<T: Scalar> Forces<T> {
@@ -436,8 +542,8 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     #[inline(always)]
     fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
         match &self.shape {
-            Some(shape) => shape.derivative(self, x, u, mode, dx),
-            None => self.any_derivative(x, u, mode, dx),
+            Some(shape) => compiled::derivative(shape, self, x, u, mode, dx),
+            None => any_derivative(self, x, u, mode, dx),
         }
     }
 
@@ -527,68 +633,17 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
 
     #[inline(always)]
     fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
-        let layout = self.platform.layout();
-        if !self.any_rubs {
-            return;
-        }
-        let mut room = None;
-        let reduced = self.reduced_in(x, &mut room);
-        let at = layout.velocity();
-        let n = layout.dof();
-        let mut resting = T::Mask::splat(false);
-        for i in 0..layout.wheels {
-            if self.axles[i].rubs {
-                // Nothing holds a wheel without friction, and one with friction may rest unseen:
-                // a brake closes on a wheel that stands still.
-                let rate = dot(n, &reduced.spin[i], &x[at..at + n]);
-                let bounded = T::zero().less(self.bound(i, u));
-                let rests = bounded.and(is_zero(mode[i]).or(is_zero(rate)));
-                let turning = T::select(is_zero(mode[i]), T::one().copysign(rate), mode[i]);
-                mode[i] = T::select(rests, T::zero(), turning);
-                resting = resting.or(rests);
-            }
-        }
-        if resting.any() {
-            self.release(x, u, mode, reduced);
+        if self.any_rubs {
+            stick_or_slide(self, x, u, mode);
         }
     }
 
     #[inline(always)]
     fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
-        let layout = self.platform.layout();
-        let n = layout.dof();
         self.platform.renew_angles(x);
-        let steered = !layout.steered.is_empty();
-        if !steered && !self.any_rubs {
-            return;
+        if self.any_rubs || !self.platform.layout().steered.is_empty() {
+            come_to_rest(self, x, u, mode);
         }
-        let mut room = None;
-        let reduced = self.reduced_in(x, &mut room);
-        let at = layout.velocity();
-        let mut held = T::Mask::splat(false);
-        let mut caught = T::Mask::splat(false);
-        for i in 0..layout.wheels {
-            if !self.axles[i].rubs {
-                continue;
-            }
-            let rate = dot(n, &reduced.spin[i], &x[at..at + n]);
-            let bound = self.bound(i, u);
-            let rested = is_zero(mode[i]);
-            let rests = rested.or((rate * mode[i]).less_equal(T::zero()));
-            let sticks = rests.and(T::zero().less(bound));
-            mode[i] = T::select(sticks, T::zero(), T::one().copysign(rate));
-            held = held.or(sticks);
-            caught = caught.or(sticks.and(rested.not()));
-        }
-        if self.constant.is_none() && caught.any() {
-            // A wheel that turning wheel planes carry through rest is not held by its friction, and
-            // must not stop the robot.
-            self.release(x, u, mode, reduced);
-        }
-        if !steered && !held.any() {
-            return;
-        }
-        self.project(x, u, mode, reduced);
     }
 
     #[inline(always)]
@@ -602,7 +657,7 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         let forces = self.forces(x, u, mode, &reduced);
         let any = (0..layout.wheels).any(|i| forces.actions[i].stuck.any());
         let held = if any {
-            self.holding_torques(x, &reduced, &forces)
+            friction::holding_torques(self, x, &reduced, &forces)
         } else {
             [T::zero(); MAX_WHEELS]
         };

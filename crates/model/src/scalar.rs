@@ -42,8 +42,14 @@ pub trait Scalar:
     /// The outcome of a comparison, one `bool` per lane.
     type Mask: Mask;
 
+    /// What a single lane holds: `f64`, or a dual number.
+    type Single: Scalar;
+
     /// Number of lanes; 1 for `f64`.
     const LANES: usize;
+
+    /// What the processor must have.
+    const REGISTERS: Registers = Registers::Any;
 
     /// Whether integrators are compiled size by size for it: fast, and large.
     const TWINS: bool = false;
@@ -53,6 +59,12 @@ pub trait Scalar:
 
     /// Value of one lane, `index < LANES`.
     fn lane(self, index: usize) -> f64;
+
+    /// What one lane holds, `index < LANES`.
+    fn single(self, index: usize) -> Self::Single;
+
+    /// Builds a number from what each lane holds.
+    fn from_singles(single: impl FnMut(usize) -> Self::Single) -> Self;
 
     /// Zero in every lane.
     #[inline(always)]
@@ -124,6 +136,17 @@ pub trait Scalar:
 
     /// `yes` where the mask holds, else `no`; what is not taken has no influence, not even NaN.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+}
+
+/// Registers that a number lives in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Registers {
+    /// Those of any processor.
+    Any,
+    /// Vectors of 256 bits, with fused multiply-add.
+    Avx2,
+    /// Vectors of 512 bits.
+    Avx512,
 }
 
 /// One truth value per lane, the outcome of comparing two [`Scalar`]s.
@@ -198,6 +221,7 @@ impl Mask for bool {
 
 impl Scalar for f64 {
     type Mask = bool;
+    type Single = f64;
 
     const LANES: usize = 1;
     const TWINS: bool = true;
@@ -211,6 +235,16 @@ impl Scalar for f64 {
     fn lane(self, index: usize) -> f64 {
         debug_assert!(index == 0, "f64 has one lane");
         self
+    }
+
+    #[inline(always)]
+    fn single(self, index: usize) -> f64 {
+        self.lane(index)
+    }
+
+    #[inline(always)]
+    fn from_singles(mut single: impl FnMut(usize) -> f64) -> Self {
+        single(0)
     }
 
     #[inline(always)]

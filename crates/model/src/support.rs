@@ -71,6 +71,11 @@ impl<T: Scalar> Support<T> {
         })
     }
 
+    /// Whether another support stands on the same contacts.
+    pub fn has_corners_of<U>(&self, other: &Support<U>) -> bool {
+        self.corners == other.corners
+    }
+
     /// Corners of the support polygon, counter-clockwise, m.
     pub fn polygon(&self) -> Vec<Vec2<T>> {
         self.corners.iter().map(|&k| self.points[k]).collect()

@@ -1,11 +1,15 @@
 //! From what a file says to what runs: scenario types to platforms, blocks and worlds.
 
+use std::cell::RefCell;
+use std::fmt;
+
 use appell_model::drive::{DcMotor, Drive};
 use appell_model::dynamics::Dynamics;
 use appell_model::ground::Ground;
 use appell_model::planar::vec2;
 use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
+use appell_model::scalar::Scalar;
 use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
 
@@ -33,21 +37,76 @@ pub fn drive_model(robot: &Robot) -> DriveModel {
     }
 }
 
+/// Numbers of a scenario on their way into equations: each as it stands, but for those that carry
+/// derivatives.
+pub struct Values<'a, T> {
+    seeds: &'a [(String, T)],
+    /// Which of them were asked for.
+    used: RefCell<Vec<bool>>,
+}
+
+impl<'a, T: Scalar> Values<'a, T> {
+    /// Numbers as they stand, but for these, by path.
+    pub fn new(seeds: &'a [(String, T)]) -> Self {
+        Values {
+            seeds,
+            used: RefCell::new(vec![false; seeds.len()]),
+        }
+    }
+
+    /// The number at a path of the scenario.
+    pub fn at(&self, path: fmt::Arguments<'_>, value: f64) -> T {
+        if self.seeds.is_empty() {
+            return T::from(value);
+        }
+        let path = path.to_string();
+        match self.seeds.iter().position(|(known, _)| *known == path) {
+            None => T::from(value),
+            Some(k) => {
+                self.used.borrow_mut()[k] = true;
+                self.seeds[k].1
+            }
+        }
+    }
+
+    /// The paths that nothing was built from.
+    pub fn unused(&self) -> Vec<&'a str> {
+        let used = self.used.borrow();
+        let seeds = self.seeds.iter().zip(used.iter());
+        seeds
+            .filter(|(_, used)| !**used)
+            .map(|((path, _), _)| path.as_str())
+            .collect()
+    }
+}
+
 /// Gravity and slope.
 pub fn ground(terrain: &Terrain) -> Ground<f64> {
+    ground_of(terrain, &Values::new(&[]))
+}
+
+/// The same with numbers that may carry derivatives.
+pub fn ground_of<T: Scalar>(terrain: &Terrain, values: &Values<'_, T>) -> Ground<T> {
+    let at = |key: &str, value: f64| values.at(format_args!("terrain.{key}"), value);
     match terrain {
-        Terrain::Flat { gravity, .. } => Ground::flat(*gravity),
+        Terrain::Flat { gravity, .. } => Ground::flat(at("gravity", *gravity)),
         Terrain::Plane {
             slope_deg,
             downhill_heading_deg,
             gravity,
             ..
         } => Ground::plane(
-            *gravity,
-            slope_deg.to_radians(),
-            downhill_heading_deg.to_radians(),
+            at("gravity", *gravity),
+            radians(at("slope_deg", *slope_deg)),
+            radians(at("downhill_heading_deg", *downhill_heading_deg)),
         ),
     }
+}
+
+/// An angle in degrees as radians.
+fn radians<T: Scalar>(degrees: T) -> T {
+    // As `f64::to_radians`, to the last bit.
+    degrees * T::from(std::f64::consts::PI / 180.0)
 }
 
 /// The platform of a file, with rolling resistance turned into torques by the static loads under a
@@ -57,54 +116,76 @@ pub fn platform(
     drives: DriveModel,
     gravity_normal: f64,
 ) -> Result<Platform<f64>, PlatformError> {
+    platform_of(file, drives, gravity_normal, "", &Values::new(&[]))
+}
+
+/// The same with numbers that may carry derivatives; they stand under `path` in the scenario.
+pub fn platform_of<T: Scalar>(
+    file: &scenario::Platform,
+    drives: DriveModel,
+    gravity_normal: T,
+    path: &str,
+    values: &Values<'_, T>,
+) -> Result<Platform<T>, PlatformError> {
+    let at = |key: &str, value: f64| values.at(format_args!("{path}.{key}"), value);
     let mut body = Body {
-        mass: file.body.mass,
-        inertia_com: file.body.inertia_com,
-        center_of_mass: vec2(file.body.center_of_mass[0], file.body.center_of_mass[1]),
-        com_height: file.body.center_of_mass[2],
+        mass: at("body.mass", file.body.mass),
+        inertia_com: at("body.inertia_com", file.body.inertia_com),
+        center_of_mass: vec2(
+            T::from(file.body.center_of_mass[0]),
+            T::from(file.body.center_of_mass[1]),
+        ),
+        com_height: T::from(file.body.center_of_mass[2]),
     };
-    let mut wheels: Vec<Wheel<f64>> = file.wheel.iter().map(|w| wheel(w, file, drives)).collect();
-    let mut losses: Vec<&scenario::Friction> = file.wheel.iter().map(|w| &w.friction).collect();
+    let mut losses: Vec<T> = Vec::new();
+    let mut wheels: Vec<Wheel<T>> = Vec::new();
+    for file_wheel in &file.wheel {
+        let path = format!("{path}.wheel.{}", file_wheel.name);
+        let at = |key: &str, value: f64| values.at(format_args!("{path}.{key}"), value);
+        wheels.push(wheel(file_wheel, file, drives, &at));
+        losses.push(at("friction.rolling", file_wheel.friction.rolling));
+    }
     if let Some(file) = &file.trailer {
-        trailer(file).attach(&mut body, &mut wheels);
+        trailer::<T>(file).attach(&mut body, &mut wheels);
         // Of both wheels.
-        wheels[losses.len()].dry_friction = 2.0 * file.friction.dry;
-        losses.push(&file.friction);
+        wheels[losses.len()].dry_friction = T::from(2.0 * file.friction.dry);
+        losses.push(T::from(file.friction.rolling));
     }
     let bare = Platform::new(body, wheels.clone())?;
     for (i, load) in static_loads(&bare, gravity_normal).into_iter().enumerate() {
-        wheels[i].dry_friction += losses[i].rolling * load.max(0.0) * wheels[i].radius;
+        let rolls = losses[i] * load.max(T::zero()) * wheels[i].radius;
+        wheels[i].dry_friction += rolls;
     }
     Platform::new(body, wheels)
 }
 
 /// Normal loads at rest on level ground, N; equal shares where the contacts carry no plane.
-pub fn static_loads(platform: &Platform<f64>, gravity_normal: f64) -> Vec<f64> {
+pub fn static_loads<T: Scalar>(platform: &Platform<T>, gravity_normal: T) -> Vec<T> {
     let layout = platform.layout().clone();
     let rolling = Rolling::new(platform.clone(), Ground::flat(gravity_normal));
-    let x = rest_state(platform, [0.0; 3], &[]);
-    let mut y = vec![0.0; layout.output()];
+    let x = rest_state(platform, [T::zero(); 3], &[]);
+    let mut y = vec![T::zero(); layout.output()];
     rolling.output(
         &x,
-        &vec![0.0; layout.input()],
-        &vec![1.0; layout.wheels],
+        &vec![T::zero(); layout.input()],
+        &vec![T::one(); layout.wheels],
         &mut y,
     );
-    let loads: Vec<f64> = (0..layout.wheels)
+    let loads: Vec<T> = (0..layout.wheels)
         .map(|i| y[layout.wheel_output(i, WheelOutput::Load)])
         .collect();
-    if loads.iter().any(|&load| load != 0.0) {
+    if loads.iter().any(|load| load.lane(0) != 0.0) {
         loads
     } else {
-        let share = platform.total_mass() * gravity_normal / layout.wheels as f64;
+        let share = platform.total_mass() * gravity_normal / T::from(layout.wheels as f64);
         vec![share; layout.wheels]
     }
 }
 
 /// A state at rest at a pose, with the given angles (rad) of the swivelling wheels.
-pub fn rest_state(platform: &Platform<f64>, pose: [f64; 3], angles: &[f64]) -> Vec<f64> {
+pub fn rest_state<T: Scalar>(platform: &Platform<T>, pose: [T; 3], angles: &[T]) -> Vec<T> {
     let layout = platform.layout();
-    let mut x = vec![0.0; layout.state()];
+    let mut x = vec![T::zero(); layout.state()];
     x[0] = pose[0];
     x[1] = pose[1];
     x[YAW] = pose[2];
@@ -127,82 +208,94 @@ pub fn start_angles(file: &scenario::Platform) -> Vec<f64> {
     file.wheel.iter().filter_map(angle).chain(trailer).collect()
 }
 
-fn wheel(file: &scenario::Wheel, platform: &scenario::Platform, drives: DriveModel) -> Wheel<f64> {
+/// A number of a wheel, by its key and its value.
+type At<'a, T> = &'a dyn Fn(&str, f64) -> T;
+
+fn wheel<T: Scalar>(
+    file: &scenario::Wheel,
+    platform: &scenario::Platform,
+    drives: DriveModel,
+    at: At<'_, T>,
+) -> Wheel<T> {
     // A name that there is not leads beyond the list, where the platform refuses it.
     let index = |name: &str| {
         let found = platform.wheel.iter().position(|w| w.name == name);
         found.unwrap_or(platform.wheel.len())
     };
-    let (drive, rotor) = drive(&file.drive, drives);
+    let (drive, rotor) = drive(&file.drive, drives, at);
     Wheel {
         name: file.name.clone(),
-        mount: vec2(file.mount[0], file.mount[1]),
-        radius: file.radius,
+        mount: vec2(T::from(file.mount[0]), T::from(file.mount[1])),
+        radius: at("radius", file.radius),
         steering: match &file.steering {
             scenario::Steering::Fixed { angle_deg } => Steering::Fixed {
-                angle: angle_deg.to_radians(),
+                angle: radians(at("steering.angle_deg", *angle_deg)),
             },
-            scenario::Steering::Free { trail, .. } => Steering::Free { trail: *trail },
+            scenario::Steering::Free { trail, .. } => Steering::Free {
+                trail: at("steering.trail", *trail),
+            },
             scenario::Steering::Steered { .. } => Steering::Driven,
             scenario::Steering::Linked { to, ratio } => Steering::Linked {
                 lead: index(to),
-                ratio: *ratio,
+                ratio: T::from(*ratio),
             },
             scenario::Steering::Guided { by } => Steering::Guided { lead: index(by) },
         },
         rim: match file.rim {
             scenario::Rim::Plain => Rim::Plain,
             scenario::Rim::Rollers { angle_deg } => Rim::Rollers {
-                angle: angle_deg.to_radians(),
+                angle: radians(at("rim.angle_deg", angle_deg)),
             },
         },
-        mass: file.mass,
-        inertia_vertical: file.vertical_inertia,
-        spin_inertia: file.spin_inertia + rotor,
-        viscous: file.friction.viscous,
-        pivot_viscous: file.friction.pivot_viscous,
-        dry_friction: file.friction.dry,
-        friction_rounding: 0.0,
-        stiffness: 1.0,
-        brake: file.brake_torque,
+        mass: at("mass", file.mass),
+        inertia_vertical: at("vertical_inertia", file.vertical_inertia),
+        spin_inertia: at("spin_inertia", file.spin_inertia) + rotor,
+        viscous: at("friction.viscous", file.friction.viscous),
+        pivot_viscous: at("friction.pivot_viscous", file.friction.pivot_viscous),
+        dry_friction: at("friction.dry", file.friction.dry),
+        friction_rounding: T::zero(),
+        stiffness: T::one(),
+        brake: at("brake_torque", file.brake_torque),
         drive,
     }
 }
 
 /// A trailer, as the model takes it.
-pub fn trailer(file: &scenario::Trailer) -> Trailer<f64> {
+pub fn trailer<T: Scalar>(file: &scenario::Trailer) -> Trailer<T> {
     Trailer {
         name: scenario::TRAILER.to_owned(),
-        hitch: vec2(file.hitch[0], file.hitch[1]),
-        hitch_height: file.hitch_height,
-        length: file.length,
-        half_track: 0.5 * file.track,
-        mass: file.mass,
-        ahead: file.ahead,
-        inertia_com: file.inertia_com,
-        radius: file.radius,
-        wheel_mass: file.wheel_mass,
-        spin_inertia: file.spin_inertia,
-        viscous: file.friction.viscous,
-        hitch_viscous: file.friction.pivot_viscous,
+        hitch: vec2(T::from(file.hitch[0]), T::from(file.hitch[1])),
+        hitch_height: T::from(file.hitch_height),
+        length: T::from(file.length),
+        half_track: T::from(0.5 * file.track),
+        mass: T::from(file.mass),
+        ahead: T::from(file.ahead),
+        inertia_com: T::from(file.inertia_com),
+        radius: T::from(file.radius),
+        wheel_mass: T::from(file.wheel_mass),
+        spin_inertia: T::from(file.spin_inertia),
+        viscous: T::from(file.friction.viscous),
+        hitch_viscous: T::from(file.friction.pivot_viscous),
     }
 }
 
 /// The drive of a wheel and the rotor inertia as the axle feels it, kg·m².
-fn drive(file: &scenario::Drive, drives: DriveModel) -> (Drive<f64>, f64) {
+fn drive<T: Scalar>(file: &scenario::Drive, drives: DriveModel, at: At<'_, T>) -> (Drive<T>, T) {
+    let at = |key: &str, value: f64| at(&format!("drive.{key}"), value);
     let (built, rotor, rate_max, torque_max) = match file {
-        scenario::Drive::None => return (Drive::None, 0.0),
+        scenario::Drive::None => return (Drive::None, T::zero()),
         scenario::Drive::Torque {
             torque_max,
             rate_max,
-        } => (
-            Drive::Torque {
-                torque_max: *torque_max,
-            },
-            0.0,
-            *rate_max,
-            *torque_max,
-        ),
+        } => {
+            let torque_max = at("torque_max", *torque_max);
+            (
+                Drive::Torque { torque_max },
+                T::zero(),
+                at("rate_max", *rate_max),
+                torque_max,
+            )
+        }
         scenario::Drive::DcMotor {
             resistance,
             inductance,
@@ -214,17 +307,25 @@ fn drive(file: &scenario::Drive, drives: DriveModel) -> (Drive<f64>, f64) {
             voltage_max,
             current_max,
         } => {
+            let torque_constant = at("torque_constant", *torque_constant);
+            let gear_ratio = at("gear_ratio", *gear_ratio);
             let motor = DcMotor {
-                resistance: *resistance,
-                inductance: *inductance,
-                torque_constant: *torque_constant,
-                back_emf_constant: back_emf_constant.unwrap_or(*torque_constant),
-                gear_ratio: *gear_ratio,
-                gear_efficiency: *gear_efficiency,
-                voltage_max: *voltage_max,
-                current_max: current_max.unwrap_or(f64::MAX),
+                resistance: at("resistance", *resistance),
+                inductance: at("inductance", *inductance),
+                torque_constant,
+                back_emf_constant: match back_emf_constant {
+                    Some(constant) => at("back_emf_constant", *constant),
+                    None => torque_constant,
+                },
+                gear_ratio,
+                gear_efficiency: at("gear_efficiency", *gear_efficiency),
+                voltage_max: at("voltage_max", *voltage_max),
+                current_max: match current_max {
+                    Some(current) => at("current_max", *current),
+                    None => T::from(f64::MAX),
+                },
             };
-            let reflected = gear_ratio * gear_ratio * rotor_inertia;
+            let reflected = gear_ratio * gear_ratio * at("rotor_inertia", *rotor_inertia);
             let (rate, torque) = (motor.no_load_rate(), motor.stall_torque());
             (Drive::DcMotor(motor), reflected, rate, torque)
         }

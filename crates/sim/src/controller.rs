@@ -2,17 +2,24 @@
 
 mod follower;
 mod law;
+mod track;
 
 use std::io::Read;
 use std::path::Path as FilePath;
 
-use appell_model::math::single::sin_cos;
+use std::sync::Arc;
 
-use crate::block::{Block, BlockError, Port};
-use crate::noise::Stream;
+use appell_model::lanewise::Lanewise;
+use appell_model::math::single::sin_cos;
+use appell_model::scalar::Scalar;
+
+use crate::block::{Kernel, Now, Port, Wired};
+use crate::noise::Streams;
 use crate::scenario::Signal as SignalFile;
 
-pub use follower::PathFollower;
+pub use follower::{PathFollower, path_follower};
+pub(crate) use law::clamp;
+pub use track::Track;
 
 /// A signal of time, ready to be evaluated.
 #[derive(Clone, Debug)]
@@ -211,111 +218,153 @@ fn read_csv(file: &FilePath, pick: Pick<'_>) -> Result<(Vec<usize>, Vec<Vec<f64>
     Ok((numbers, columns))
 }
 
-/// Open loop: one waveform per output.
-pub struct Signals {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    waveforms: Vec<Waveform>,
+/// A waveform in each lane.
+#[derive(Clone, Debug)]
+pub struct Waveforms(Vec<Arc<Waveform>>);
+
+impl Waveforms {
+    /// The same in `lanes` lanes.
+    pub fn new(waveform: Waveform, lanes: usize) -> Self {
+        Waveforms(vec![Arc::new(waveform); lanes])
+    }
+
+    #[inline(always)]
+    fn at<T: Scalar>(&self, t: T) -> T {
+        T::from_lanes(|lane| self.0[lane].at(t.lane(lane)))
+    }
 }
+
+impl Lanewise for Waveforms {
+    type One = Waveforms;
+
+    fn fits(&self, _one: &Waveforms) -> bool {
+        true
+    }
+
+    fn put(&mut self, lane: usize, one: &Waveforms) {
+        self.0[lane] = one.0[0].clone();
+    }
+}
+
+/// Open loop: one waveform per output.
+pub struct Signals(Vec<Waveforms>);
 
 impl Signals {
     /// Writes each waveform to its port.
-    pub fn new(channels: Vec<(Port, Waveform)>) -> Self {
+    pub fn wired(channels: Vec<(Port, Waveforms)>) -> Wired<Signals> {
         let (outputs, waveforms) = channels.into_iter().unzip();
-        Signals {
-            inputs: Vec::new(),
-            outputs,
-            waveforms,
-        }
+        Wired::new(Vec::new(), outputs, Signals(waveforms))
     }
 }
 
-impl Block for Signals {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
+impl Lanewise for Signals {
+    type One = Signals;
+
+    fn fits(&self, one: &Signals) -> bool {
+        self.0.fits(&one.0)
     }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
+
+    fn put(&mut self, lane: usize, one: &Signals) {
+        self.0.put(lane, &one.0);
     }
-    fn step(
-        &mut self,
-        _tick: u64,
-        t: f64,
-        _dt: f64,
-        _input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
-        for (k, waveform) in self.waveforms.iter().enumerate() {
-            output[k] = waveform.at(t);
+}
+
+impl<T: Scalar> Kernel<T> for Signals {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, _input: &[T], output: &mut [T]) {
+        for k in 0..self.0.len() {
+            output[k] = self.0[k].at(now.t);
         }
-        Ok(())
     }
 }
 
 /// Where the noise of a wheel comes from.
 #[derive(Clone, Debug)]
-pub enum NoiseSource {
+pub enum NoiseSource<T> {
     /// Normal deviates, a new one in each period.
     Normal {
-        /// The stream, keyed by the noise's path.
-        stream: Stream,
+        /// The streams, keyed by the noise's path.
+        streams: Streams,
         /// Mean.
-        mean: f64,
+        mean: T,
         /// Standard deviation.
-        std: f64,
+        std: T,
     },
     /// A signal of time.
-    Given(Waveform),
+    Given(Waveforms),
+}
+
+impl<T: Scalar> Lanewise for NoiseSource<T> {
+    type One = NoiseSource<f64>;
+
+    fn fits(&self, one: &NoiseSource<f64>) -> bool {
+        matches!(
+            (self, one),
+            (NoiseSource::Normal { .. }, NoiseSource::Normal { .. })
+                | (NoiseSource::Given(_), NoiseSource::Given(_))
+        )
+    }
+
+    fn put(&mut self, lane: usize, one: &NoiseSource<f64>) {
+        match (self, one) {
+            (
+                NoiseSource::Normal { streams, mean, std },
+                NoiseSource::Normal {
+                    streams: of,
+                    mean: middle,
+                    std: spread,
+                },
+            ) => {
+                streams.put(lane, of);
+                mean.put(lane, middle);
+                std.put(lane, spread);
+            }
+            (NoiseSource::Given(a), NoiseSource::Given(b)) => a.put(lane, b),
+            _ => {}
+        }
+    }
 }
 
 /// Adds noise to the commands of drives.
-pub struct WheelNoise {
-    inputs: Vec<Port>,
-    /// Of each wheel, the command and the noise in it.
-    outputs: Vec<Port>,
-    sources: Vec<NoiseSource>,
-}
+pub struct WheelNoise<T>(Vec<NoiseSource<T>>);
 
-impl WheelNoise {
-    /// For each wheel: the port that is read, the command, the noise, and its source.
-    pub fn new(wheels: Vec<([Port; 3], NoiseSource)>) -> Self {
+impl<T: Scalar> WheelNoise<T> {
+    /// For each wheel: the port that is read, the command, the noise in it, and its source.
+    pub fn wired(wheels: Vec<([Port; 3], NoiseSource<T>)>) -> Wired<WheelNoise<T>> {
         let (mut inputs, mut outputs, mut sources) = (Vec::new(), Vec::new(), Vec::new());
         for ([wanted, command, noise], source) in wheels {
             inputs.push(wanted);
             outputs.extend([command, noise]);
             sources.push(source);
         }
-        WheelNoise {
-            inputs,
-            outputs,
-            sources,
-        }
+        Wired::new(inputs, outputs, WheelNoise(sources))
     }
 }
 
-impl Block for WheelNoise {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
+impl<T: Scalar> Lanewise for WheelNoise<T> {
+    type One = WheelNoise<f64>;
+
+    fn fits(&self, one: &WheelNoise<f64>) -> bool {
+        self.0.fits(&one.0)
     }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
+
+    fn put(&mut self, lane: usize, one: &WheelNoise<f64>) {
+        self.0.put(lane, &one.0);
     }
-    fn step(
-        &mut self,
-        tick: u64,
-        t: f64,
-        _dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
-        for (k, source) in self.sources.iter().enumerate() {
-            let noise = match source {
-                NoiseSource::Normal { stream, mean, std } => mean + std * stream.normals(tick)[0],
-                NoiseSource::Given(waveform) => waveform.at(t),
+}
+
+impl<T: Scalar> Kernel<T> for WheelNoise<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
+        for k in 0..self.0.len() {
+            let noise = match &self.0[k] {
+                NoiseSource::Normal { streams, mean, std } => {
+                    *mean + *std * streams.normals::<T>(now.ticks)[0]
+                }
+                NoiseSource::Given(waveforms) => waveforms.at(now.t),
             };
             output[2 * k] = input[k] + noise;
             output[2 * k + 1] = noise;
         }
-        Ok(())
     }
 }

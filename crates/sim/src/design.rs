@@ -158,7 +158,10 @@ pub fn design(file: &File, gravity: f64) -> Design {
         );
         add(
             "static load on the hitch",
-            format!("{:.2} N", build::trailer(trailer).hitch_mass() * gravity),
+            format!(
+                "{:.2} N",
+                build::trailer::<f64>(trailer).hitch_mass() * gravity
+            ),
             "level ground",
         );
     }
@@ -311,7 +314,7 @@ pub fn design(file: &File, gravity: f64) -> Design {
     let (standing, standing_mass) = match &file.trailer {
         None => (center, mass),
         Some(trailer) => {
-            let hitch = build::trailer(trailer).hitch_mass();
+            let hitch = build::trailer::<f64>(trailer).hitch_mass();
             let own = mass - towed;
             let at = [trailer.hitch[0], trailer.hitch[1], trailer.hitch_height];
             let both = [0, 1, 2].map(|k| (center[k] * own + at[k] * hitch) / (own + hitch));

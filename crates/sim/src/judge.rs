@@ -6,7 +6,7 @@
 //! is the caller's.
 
 use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
-use appell_model::math::single::atan2;
+use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 
 /// Where a task stands.
@@ -40,13 +40,13 @@ pub(crate) struct Line {
 
 /// A segment crossing a [`Line`].
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Crossing {
+pub(crate) struct Crossing<S> {
     /// Fraction of the segment.
-    pub fraction: f64,
+    pub fraction: S,
     /// Whether along the normal.
     pub forward: bool,
     /// Place on the line, from the origin along Ω·normal (to the left of the normal), m.
-    pub offset: f64,
+    pub offset: S,
 }
 
 impl Line {
@@ -59,87 +59,105 @@ impl Line {
     }
 
     /// Signed distance of a point, positive on the side the normal points to, m.
-    pub fn distance(&self, p: [f64; 2]) -> f64 {
-        dot(difference(p, self.origin), self.normal)
+    pub fn distance<S: Scalar>(&self, p: [S; 2]) -> S {
+        dot(
+            difference(p, self.origin.map(S::from)),
+            self.normal.map(S::from),
+        )
     }
 
-    pub fn crossing(&self, p: [f64; 2], q: [f64; 2]) -> Option<Crossing> {
+    pub fn crossing<S: Scalar>(&self, p: [S; 2], q: [S; 2]) -> Option<Crossing<S>> {
         let (f, g) = (self.distance(p), self.distance(q));
-        if (f < 0.0) == (g < 0.0) {
+        let forward = value(f) < 0.0;
+        if forward == (value(g) < 0.0) {
             return None;
         }
         let fraction = f / (f - g);
-        let left = [-self.normal[1], self.normal[0]];
-        let offset = dot(difference(between(p, q, fraction), self.origin), left);
+        let left = [-self.normal[1], self.normal[0]].map(S::from);
+        let from = difference(between(p, q, fraction), self.origin.map(S::from));
         Some(Crossing {
             fraction,
-            forward: f < 0.0,
-            offset,
+            forward,
+            offset: dot(from, left),
         })
     }
 }
 
-pub(crate) fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+/// What decisions are made by: the number without its derivatives.
+fn value<S: Scalar>(number: S) -> f64 {
+    number.lane(0)
+}
+
+pub(crate) fn dot<S: Scalar>(a: [S; 2], b: [S; 2]) -> S {
     a[0] * b[0] + a[1] * b[1]
 }
 
-pub(crate) fn difference(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+pub(crate) fn difference<S: Scalar>(a: [S; 2], b: [S; 2]) -> [S; 2] {
     [a[0] - b[0], a[1] - b[1]]
 }
 
-pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub(crate) fn distance<S: Scalar>(a: [S; 2], b: [S; 2]) -> S {
     let d = difference(a, b);
     dot(d, d).sqrt()
 }
 
 /// The point at a fraction of the segment from `p` to `q`.
-pub(crate) fn between(p: [f64; 2], q: [f64; 2], fraction: f64) -> [f64; 2] {
+pub(crate) fn between<S: Scalar>(p: [S; 2], q: [S; 2], fraction: S) -> [S; 2] {
     [
         p[0] + fraction * (q[0] - p[0]),
         p[1] + fraction * (q[1] - p[1]),
     ]
 }
 
+/// The nearest fraction of a segment, within it.
+fn within<S: Scalar>(fraction: S) -> S {
+    fraction.max(S::zero()).min(S::one())
+}
+
 /// Distance of point `c` to the segment from `p` to `q`, m.
-pub(crate) fn segment_distance(c: [f64; 2], p: [f64; 2], q: [f64; 2]) -> f64 {
+pub(crate) fn segment_distance<S: Scalar>(c: [S; 2], p: [S; 2], q: [S; 2]) -> S {
     let along = difference(q, p);
     let square = dot(along, along);
-    let fraction = if square == 0.0 {
-        0.0
+    let fraction = if value(square) == 0.0 {
+        S::zero()
     } else {
-        (dot(difference(c, p), along) / square).clamp(0.0, 1.0)
+        within(dot(difference(c, p), along) / square)
     };
     distance(c, between(p, q, fraction))
 }
 
 /// Smallest distance to the walls from inside, m; negative outside.
-pub(crate) fn wall_distance(arena: [f64; 2], p: [f64; 2]) -> f64 {
-    p[0].min(arena[0] - p[0]).min(p[1].min(arena[1] - p[1]))
+pub(crate) fn wall_distance<S: Scalar>(arena: [f64; 2], p: [S; 2]) -> S {
+    let [width, depth] = arena.map(S::from);
+    p[0].min(width - p[0]).min(p[1].min(depth - p[1]))
 }
 
 /// Fraction of the segment at which it first comes within `radius` of `c`; 0 if it begins there.
-fn touch_fraction(c: [f64; 2], radius: f64, p: [f64; 2], q: [f64; 2]) -> f64 {
+fn touch_fraction<S: Scalar>(c: [S; 2], radius: f64, p: [S; 2], q: [S; 2]) -> S {
     let (from, along) = (difference(p, c), difference(q, p));
     let (square, half) = (dot(along, along), dot(from, along));
-    let excess = dot(from, from) - radius * radius;
-    if excess <= 0.0 || square == 0.0 {
-        return 0.0;
+    let excess = dot(from, from) - S::from(radius * radius);
+    if value(excess) <= 0.0 || value(square) == 0.0 {
+        return S::zero();
     }
-    let root = (half * half - square * excess).max(0.0).sqrt();
-    ((-half - root) / square).clamp(0.0, 1.0)
+    let root = (half * half - square * excess).max(S::zero()).sqrt();
+    within((-half - root) / square)
 }
 
 /// Fraction of the segment, ending outside, at which it leaves the arena shrunk by `margin`.
-fn leave_fraction(arena: [f64; 2], margin: f64, p: [f64; 2], q: [f64; 2]) -> f64 {
-    let mut fraction = 1.0_f64;
+fn leave_fraction<S: Scalar>(arena: [f64; 2], margin: f64, p: [S; 2], q: [S; 2]) -> S {
+    let mut fraction = S::one();
     for axis in 0..2 {
-        for (a, b) in [
-            (p[axis], q[axis]),
-            (arena[axis] - p[axis], arena[axis] - q[axis]),
-        ] {
-            if b < margin {
-                let before = a - margin;
-                fraction = fraction.min(if before <= 0.0 { 0.0 } else { before / (a - b) });
+        let far = S::from(arena[axis]);
+        for (a, b) in [(p[axis], q[axis]), (far - p[axis], far - q[axis])] {
+            if value(b) < margin {
+                let before = a - S::from(margin);
+                let share = if value(before) <= 0.0 {
+                    S::zero()
+                } else {
+                    before / (a - b)
+                };
+                fraction = fraction.min(share);
             }
         }
     }
@@ -147,13 +165,13 @@ fn leave_fraction(arena: [f64; 2], margin: f64, p: [f64; 2], q: [f64; 2]) -> f64
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Sample {
-    t: f64,
-    position: [f64; 2],
+struct Sample<S> {
+    t: S,
+    position: [S; 2],
 }
 
-impl Sample {
-    fn towards(self, next: Sample, fraction: f64) -> Sample {
+impl<S: Scalar> Sample<S> {
+    fn towards(self, next: Sample<S>, fraction: S) -> Sample<S> {
         let t = self.t + fraction * (next.t - self.t);
         Sample {
             t,
@@ -164,7 +182,7 @@ impl Sample {
 
 /// A goal with what has been achieved of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-enum Task {
+enum Task<S> {
     Free,
     Homing {
         beacon: usize,
@@ -172,9 +190,9 @@ enum Task {
         speed: f64,
         hold: f64,
         /// Begin of the present stop.
-        stop: Option<Sample>,
+        stop: Option<Sample<S>>,
         /// Present distance to the beacon.
-        away: f64,
+        away: S,
     },
     Gate {
         /// The chord; offsets on it run from b₁ to b₂ in negative direction.
@@ -185,20 +203,20 @@ enum Task {
         direction: i8,
         exit: f64,
         /// Valid crossing: whether forward, distance from b₁.
-        crossing: Option<(bool, f64)>,
+        crossing: Option<(bool, S)>,
         /// Present signed distance from the chord.
-        beyond: f64,
+        beyond: S,
     },
     Eight {
         pair: [usize; 2],
         laps: u32,
         close: f64,
         /// Angle turned round each beacon, without the closing segment.
-        turned: [f64; 2],
+        turned: [S; 2],
         /// Windings of the closed polygon.
         windings: [f64; 2],
         laps_done: u32,
-        gap: f64,
+        gap: S,
     },
     Slalom {
         chain: Vec<usize>,
@@ -206,7 +224,7 @@ enum Task {
         offset_max: f64,
         /// Side of the first passage, 0 while open.
         first_side: i8,
-        offsets: Vec<f64>,
+        offsets: Vec<S>,
     },
     Route {
         points: Vec<[f64; 2]>,
@@ -215,16 +233,16 @@ enum Task {
         tolerance: f64,
         end: f64,
         /// Way along the path, m.
-        progress: f64,
+        progress: S,
         /// Largest distance from the path so far, and its time.
-        farthest: (f64, f64),
+        farthest: (S, S),
     },
 }
 
 /// Angle from `a` to `b` seen from `c`, in (−π, π], rad.
-fn turn(c: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+fn turn<S: Scalar>(c: [S; 2], a: [S; 2], b: [S; 2]) -> S {
     let (a, b) = (difference(a, c), difference(b, c));
-    atan2(a[0] * b[1] - a[1] * b[0], dot(a, b))
+    (a[0] * b[1] - a[1] * b[0]).atan2(dot(a, b))
 }
 
 fn side_name(left: bool) -> &'static str {
@@ -264,7 +282,7 @@ pub(crate) fn gate_line(layout: &Layout, pair: [usize; 2]) -> (Line, f64) {
     )
 }
 
-impl Task {
+impl<S: Scalar> Task<S> {
     fn new(layout: &Layout, goal: Option<&Goal>) -> Self {
         let Some(goal) = goal else { return Task::Free };
         match *goal {
@@ -279,7 +297,7 @@ impl Task {
                 speed,
                 hold,
                 stop: None,
-                away: 0.0,
+                away: S::zero(),
             },
             Goal::Gate {
                 pair,
@@ -295,11 +313,11 @@ impl Task {
                     direction,
                     exit,
                     crossing: None,
-                    beyond: 0.0,
+                    beyond: S::zero(),
                 }
             }
             Goal::Eight { pair, laps, close } => {
-                let (turned, windings) = ([0.0; 2], [0.0; 2]);
+                let (turned, windings) = ([S::zero(); 2], [0.0; 2]);
                 Task::Eight {
                     pair,
                     laps,
@@ -307,7 +325,7 @@ impl Task {
                     turned,
                     windings,
                     laps_done: 0,
-                    gap: 0.0,
+                    gap: S::zero(),
                 }
             }
             Goal::Slalom {
@@ -330,32 +348,32 @@ impl Task {
             ds: goal.path.ds,
             tolerance: goal.tolerance,
             end: goal.end,
-            progress: 0.0,
-            farthest: (0.0, 0.0),
+            progress: S::zero(),
+            farthest: (S::zero(), S::zero()),
         }
     }
 }
 
 /// Incremental judge of one attempt; its whole state can be cloned, saved and restored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Judge {
+pub struct Judge<S = f64> {
     arena: [f64; 2],
     beacons: Vec<Beacon>,
     collision_radius: f64,
-    task: Task,
-    first: Option<Sample>,
-    last: Option<Sample>,
+    task: Task<S>,
+    first: Option<Sample<S>>,
+    last: Option<Sample<S>>,
     verdict: Verdict,
     reason: String,
     events: Vec<TaskEvent>,
     /// Smallest distance between the disc and a beacon: distance, time, beacon.
-    clearance: Option<(f64, f64, usize)>,
+    clearance: Option<(S, S, usize)>,
     /// Smallest distance between the disc and a wall: distance, time.
-    wall_clearance: Option<(f64, f64)>,
-    path_length: f64,
+    wall_clearance: Option<(S, S)>,
+    path_length: S,
 }
 
-impl Judge {
+impl<S: Scalar> Judge<S> {
     /// A judge before the first sample; without a goal it only watches for contact.
     ///
     /// # Panics
@@ -375,7 +393,7 @@ impl Judge {
         }
     }
 
-    fn watching(layout: &Layout, task: Task) -> Self {
+    fn watching(layout: &Layout, task: Task<S>) -> Self {
         Self {
             arena: layout.arena,
             beacons: layout.beacons.clone(),
@@ -388,7 +406,7 @@ impl Judge {
             events: Vec::new(),
             clearance: None,
             wall_clearance: None,
-            path_length: 0.0,
+            path_length: S::zero(),
         }
     }
 
@@ -396,7 +414,7 @@ impl Judge {
     ///
     /// Times must increase. After the verdict is final samples are ignored. Allocates only when
     /// something happens.
-    pub fn observe(&mut self, t: f64, position: [f64; 2], speed: f64) -> Verdict {
+    pub fn observe(&mut self, t: S, position: [S; 2], speed: S) -> Verdict {
         if self.verdict != Verdict::Running {
             return self.verdict;
         }
@@ -404,7 +422,7 @@ impl Judge {
         let previous = self.last.unwrap_or(now);
         if ![t, position[0], position[1], speed]
             .iter()
-            .all(|z| z.is_finite())
+            .all(|z| value(*z).is_finite())
         {
             self.fail(previous, "motion is not finite".into());
             return self.verdict;
@@ -420,33 +438,33 @@ impl Judge {
     }
 
     /// Updates the clearances and fails on contact.
-    fn watch(&mut self, previous: Sample, now: Sample) {
+    fn watch(&mut self, previous: Sample<S>, now: Sample<S>) {
         let (p, q) = (previous.position, now.position);
-        let mut contact: Option<(f64, Option<usize>)> = None;
+        let mut contact: Option<(S, Option<usize>)> = None;
         for (index, beacon) in self.beacons.iter().enumerate() {
-            let gap =
-                segment_distance(beacon.position, p, q) - self.collision_radius - beacon.radius;
-            if self.clearance.is_none_or(|(smallest, ..)| gap < smallest) {
+            let center = beacon.position.map(S::from);
+            let near = segment_distance(center, p, q);
+            let gap = near - S::from(self.collision_radius) - S::from(beacon.radius);
+            let is_smallest = |(smallest, ..): (S, S, usize)| value(gap) < value(smallest);
+            if self.clearance.is_none_or(is_smallest) {
                 self.clearance = Some((gap, now.t, index));
             }
-            if gap < 0.0 {
+            if value(gap) < 0.0 {
                 let radius = self.collision_radius + beacon.radius;
-                let fraction = touch_fraction(beacon.position, radius, p, q);
-                if contact.is_none_or(|(earliest, _)| fraction < earliest) {
+                let fraction = touch_fraction(center, radius, p, q);
+                if contact.is_none_or(|(earliest, _)| value(fraction) < value(earliest)) {
                     contact = Some((fraction, Some(index)));
                 }
             }
         }
-        let gap = wall_distance(self.arena, q) - self.collision_radius;
-        if self
-            .wall_clearance
-            .is_none_or(|(smallest, _)| gap < smallest)
-        {
+        let gap = wall_distance(self.arena, q) - S::from(self.collision_radius);
+        let is_smallest = |(smallest, _): (S, S)| value(gap) < value(smallest);
+        if self.wall_clearance.is_none_or(is_smallest) {
             self.wall_clearance = Some((gap, now.t));
         }
-        if gap < 0.0 {
+        if value(gap) < 0.0 {
             let fraction = leave_fraction(self.arena, self.collision_radius, p, q);
-            if contact.is_none_or(|(earliest, _)| fraction < earliest) {
+            if contact.is_none_or(|(earliest, _)| value(fraction) < value(earliest)) {
                 contact = Some((fraction, None));
             }
         }
@@ -460,7 +478,7 @@ impl Judge {
     }
 
     /// Follows the task over one segment without contact.
-    fn advance(&mut self, first: Sample, previous: Sample, now: Sample, speed: f64) {
+    fn advance(&mut self, first: Sample<S>, previous: Sample<S>, now: Sample<S>, speed: S) {
         match self.task {
             Task::Free => {}
             Task::Homing { .. } => self.advance_homing(first, now, speed),
@@ -471,7 +489,7 @@ impl Judge {
         }
     }
 
-    fn advance_homing(&mut self, first: Sample, now: Sample, speed_now: f64) {
+    fn advance_homing(&mut self, first: Sample<S>, now: Sample<S>, speed_now: S) {
         let Task::Homing {
             beacon,
             distance: reach,
@@ -483,44 +501,45 @@ impl Judge {
         else {
             return;
         };
-        *away = distance(now.position, self.beacons[beacon].position);
-        if *away > reach || speed_now.abs() > speed {
+        *away = distance(now.position, self.beacons[beacon].position.map(S::from));
+        if value(*away) > reach || value(speed_now).abs() > speed {
             *stop = None;
             return;
         }
         let begin = *stop.get_or_insert(now);
         // The tolerance on time is the scorer's.
-        if now.t > first.t && now.t - begin.t >= hold - 1e-9 {
+        if value(now.t) > value(first.t) && value(now.t) - value(begin.t) >= hold - 1e-9 {
             let name = &self.beacons[beacon].name;
-            let text = format!("stopped at {name}, {away:.3} m from its center");
+            let text = format!("stopped at {name}, {:.3} m from its center", value(*away));
             let stay = format!("{text}, and stayed for {hold} s");
             self.pass(begin, text, stay);
         }
     }
 
-    fn advance_gate(&mut self, previous: Sample, now: Sample) {
+    fn advance_gate(&mut self, previous: Sample<S>, now: Sample<S>) {
         let Task::Gate {
             line,
             length,
             reach,
             direction,
-            exit,
             crossing,
             beyond,
+            ..
         } = &mut self.task
         else {
             return;
         };
         *beyond = line.distance(now.position);
         if let Some(new) = line.crossing(previous.position, now.position) {
-            let along = -new.offset;
+            let place = -new.offset;
+            let along = value(place);
             let valid = reach[0] <= along && along <= *length - reach[1];
             let at = previous.towards(now, new.fraction);
             if valid && crossing.is_some() {
                 return self.fail(at, "crossed the gate a second time".into());
             }
             if valid {
-                *crossing = Some((new.forward, along));
+                *crossing = Some((new.forward, place));
                 if *direction != 0 && new.forward != (*direction > 0) {
                     return self.fail(at, "crossed the gate in the wrong direction".into());
                 }
@@ -528,27 +547,37 @@ impl Judge {
                     "gate crossed, {:.3} m off its middle",
                     (along - *length / 2.0).abs()
                 );
-                self.events.push(TaskEvent {
-                    t: at.t,
-                    position: at.position,
-                    text,
-                });
+                self.tell(at, text);
             }
         }
-        if let Some((forward, along)) = *crossing {
-            let side = if forward { *beyond } else { -*beyond };
-            if side >= *exit {
-                let error = (along - *length / 2.0).abs();
-                let text = format!("clear of the gate by {side:.3} m");
-                let reason = format!(
-                    "crossed the gate {error:.3} m off its middle and drove {side:.3} m beyond"
-                );
-                self.pass(now, text, reason);
-            }
+        self.leave_gate(now);
+    }
+
+    /// Passes once the robot is clear of the gate that it crossed.
+    fn leave_gate(&mut self, now: Sample<S>) {
+        let Task::Gate {
+            length,
+            exit,
+            crossing: Some((forward, place)),
+            beyond,
+            ..
+        } = &self.task
+        else {
+            return;
+        };
+        let beyond = value(*beyond);
+        let side = if *forward { beyond } else { -beyond };
+        if side >= *exit {
+            let error = (value(*place) - *length / 2.0).abs();
+            let text = format!("clear of the gate by {side:.3} m");
+            let reason = format!(
+                "crossed the gate {error:.3} m off its middle and drove {side:.3} m beyond"
+            );
+            self.pass(now, text, reason);
         }
     }
 
-    fn advance_eight(&mut self, first: Sample, previous: Sample, now: Sample) {
+    fn advance_eight(&mut self, first: Sample<S>, previous: Sample<S>, now: Sample<S>) {
         let Task::Eight {
             pair,
             laps,
@@ -556,7 +585,7 @@ impl Judge {
             ref mut turned,
             ref mut windings,
             ref mut laps_done,
-            ref mut gap,
+            gap: ref mut opening,
         } = self.task
         else {
             return;
@@ -564,15 +593,17 @@ impl Judge {
         let mut clear = true;
         for (k, index) in pair.into_iter().enumerate() {
             let beacon = &self.beacons[index];
-            let closing = turn(beacon.position, now.position, first.position);
-            turned[k] += turn(beacon.position, previous.position, now.position);
-            windings[k] = ((turned[k] + closing) / std::f64::consts::TAU).round();
-            clear &= segment_distance(beacon.position, now.position, first.position)
+            let center = beacon.position.map(S::from);
+            let closing = turn(center, now.position, first.position);
+            turned[k] += turn(center, previous.position, now.position);
+            windings[k] = (value(turned[k] + closing) / std::f64::consts::TAU).round();
+            clear &= value(segment_distance(center, now.position, first.position))
                 >= self.collision_radius + beacon.radius;
         }
-        *gap = distance(now.position, first.position);
+        *opening = distance(now.position, first.position);
+        let gap = value(*opening);
         let opposite = windings[0] == -windings[1];
-        if opposite && windings[0].abs() == f64::from(laps) && *gap <= close && clear {
+        if opposite && windings[0].abs() == f64::from(laps) && gap <= close && clear {
             let text = format!("lap {laps} closed, gap {gap:.3} m");
             let reason = match laps {
                 1 => format!("drove the figure eight and closed it to {gap:.3} m"),
@@ -583,42 +614,38 @@ impl Judge {
         let next = *laps_done + 1;
         if opposite && next < laps && windings[0].abs() == f64::from(next) {
             *laps_done = next;
-            let text = format!("lap {next} closed");
-            self.events.push(TaskEvent {
-                t: now.t,
-                position: now.position,
-                text,
-            });
+            self.tell(now, format!("lap {next} closed"));
         }
     }
 
-    fn advance_slalom(&mut self, previous: Sample, now: Sample) {
-        let Task::Slalom {
-            chain,
-            lines,
-            offset_max,
-            first_side,
-            offsets,
-        } = &mut self.task
-        else {
-            return;
-        };
+    fn advance_slalom(&mut self, previous: Sample<S>, now: Sample<S>) {
         // One segment may cross several lines; their order along it counts.
         let mut after = -1.0;
-        while let Some(&index) = chain.get(offsets.len()) {
+        loop {
+            let Task::Slalom {
+                chain,
+                lines,
+                offset_max,
+                first_side,
+                offsets,
+            } = &mut self.task
+            else {
+                return;
+            };
+            let Some(&index) = chain.get(offsets.len()) else {
+                return;
+            };
             let beacon = &self.beacons[index];
             let reach = self.collision_radius + beacon.radius;
-            let counts = |z: &Crossing| {
-                z.forward
-                    && z.fraction > after
-                    && reach <= z.offset.abs()
-                    && z.offset.abs() <= *offset_max
+            let counts = |z: &Crossing<S>| {
+                let away = value(z.offset).abs();
+                z.forward && value(z.fraction) > after && reach <= away && away <= *offset_max
             };
             let crossing = lines[offsets.len()].crossing(previous.position, now.position);
             let Some(crossing) = crossing.filter(counts) else {
                 return;
             };
-            let left = crossing.offset > 0.0;
+            let left = value(crossing.offset) > 0.0;
             if *first_side == 0 {
                 *first_side = if left { 1 } else { -1 };
             }
@@ -631,24 +658,18 @@ impl Judge {
                 return self.fail(at, text);
             }
             offsets.push(crossing.offset);
-            after = crossing.fraction;
-            let text = format!(
-                "{name} passed on its {side}, {:.3} m",
-                crossing.offset.abs()
-            );
+            after = value(crossing.fraction);
+            let away = value(crossing.offset).abs();
+            let text = format!("{name} passed on its {side}, {away:.3} m");
             if offsets.len() == chain.len() {
                 let reason = format!("passed all {} beacons on alternating sides", chain.len());
                 return self.pass(at, text, reason);
             }
-            self.events.push(TaskEvent {
-                t: at.t,
-                position: at.position,
-                text,
-            });
+            self.tell(at, text);
         }
     }
 
-    fn advance_route(&mut self, previous: Sample, now: Sample) {
+    fn advance_route(&mut self, previous: Sample<S>, now: Sample<S>) {
         let Task::Route {
             ref points,
             ds,
@@ -662,36 +683,37 @@ impl Judge {
         };
         // The nearest point of the stretch that the robot can have reached: a path that crosses
         // itself has others.
-        let reach = *progress + 3.0 * (distance(previous.position, now.position) + ds);
+        let begun = value(*progress);
+        let reach = begun + 3.0 * (value(distance(previous.position, now.position)) + ds);
         let last = points.len() - 1;
-        let mut nearest = f64::INFINITY;
-        for k in ((*progress / ds) as usize).min(last - 1)..last {
+        let mut nearest = S::from(f64::INFINITY);
+        for k in ((begun / ds) as usize).min(last - 1)..last {
             let from = k as f64 * ds;
             if from > reach {
                 break;
             }
-            let (p, q) = (points[k], points[k + 1]);
+            let (p, q) = (points[k].map(S::from), points[k + 1].map(S::from));
             let along = difference(q, p);
-            let share = dot(difference(now.position, p), along) / dot(along, along);
-            let share = share.clamp(0.0, 1.0);
+            let share = within(dot(difference(now.position, p), along) / dot(along, along));
             let away = distance(now.position, between(p, q, share));
-            if away < nearest {
+            if value(away) < value(nearest) {
                 nearest = away;
-                *progress = progress.max(from + share * ds);
+                *progress = progress.max(S::from(from) + share * S::from(ds));
             }
         }
-        let (here, finish) = (*progress, points[last]);
-        let to_end = distance(now.position, finish);
+        let (here, finish) = (value(*progress), points[last].map(S::from));
+        let to_end = value(distance(now.position, finish));
         let whole = last as f64 * ds;
-        if nearest > farthest.0 {
+        if value(nearest) > value(farthest.0) {
             *farthest = (nearest, now.t);
         }
+        let nearest = value(nearest);
         if nearest > tolerance {
             let text = format!("left the route by {nearest:.3} m after {here:.3} m of it");
             return self.fail(now, text);
         }
         if whole - here <= end && to_end <= end {
-            let most = farthest.0;
+            let most = value(farthest.0);
             let text = format!("end of the route, {to_end:.3} m from its last point");
             let reason =
                 format!("followed the route of {whole:.3} m, at most {most:.3} m beside it");
@@ -699,24 +721,25 @@ impl Judge {
         }
     }
 
-    fn fail(&mut self, at: Sample, text: String) {
-        self.verdict = Verdict::Failed;
-        self.reason = format!("{text} at t = {:.3} s, at {}", at.t, place(at.position));
+    fn tell(&mut self, at: Sample<S>, text: String) {
         self.events.push(TaskEvent {
-            t: at.t,
-            position: at.position,
+            t: value(at.t),
+            position: at.position.map(value),
             text,
         });
     }
 
-    fn pass(&mut self, at: Sample, text: String, reason: String) {
+    fn fail(&mut self, at: Sample<S>, text: String) {
+        self.verdict = Verdict::Failed;
+        let (t, position) = (value(at.t), at.position.map(value));
+        self.reason = format!("{text} at t = {t:.3} s, at {}", place(position));
+        self.tell(at, text);
+    }
+
+    fn pass(&mut self, at: Sample<S>, text: String, reason: String) {
         self.verdict = Verdict::Passed;
-        self.reason = format!("{reason}, at t = {:.3} s", at.t);
-        self.events.push(TaskEvent {
-            t: at.t,
-            position: at.position,
-            text,
-        });
+        self.reason = format!("{reason}, at t = {:.3} s", value(at.t));
+        self.tell(at, text);
     }
 
     /// The verdict so far.
@@ -753,13 +776,16 @@ impl Judge {
                 match stop {
                     Some(begin) => format!(
                         "stopped at {name} at t = {:.3} s, but had to stay for {hold} s",
-                        begin.t
+                        value(begin.t)
                     ),
-                    None if away <= distance => {
+                    None if value(*away) <= *distance => {
                         format!("came to {name}, but did not slow down to {speed} m/s")
                     }
                     None => {
-                        format!("ended {away:.3} m from {name}, had to stop within {distance} m")
+                        format!(
+                            "ended {:.3} m from {name}, had to stop within {distance} m",
+                            value(*away)
+                        )
                     }
                 }
             }
@@ -770,7 +796,8 @@ impl Judge {
                 ..
             } => match crossing {
                 Some((forward, _)) => {
-                    let side = if *forward { *beyond } else { -*beyond };
+                    let beyond = value(*beyond);
+                    let side = if *forward { beyond } else { -beyond };
                     format!("crossed the gate, but was {side:.3} m beyond it, had to be {exit} m")
                 }
                 None => "the gate was not crossed".into(),
@@ -785,7 +812,8 @@ impl Judge {
                 let [a, b] = windings;
                 if a == &-b && a.abs() == f64::from(*laps) {
                     format!(
-                        "drove round both beacons, but ended {gap:.3} m from the start, had to be within {close} m and without a beacon between"
+                        "drove round both beacons, but ended {:.3} m from the start, had to be within {close} m and without a beacon between",
+                        value(*gap)
                     )
                 } else {
                     format!(
@@ -809,7 +837,8 @@ impl Judge {
                 ..
             } => {
                 let whole = (points.len() - 1) as f64 * ds;
-                format!("had followed {progress:.3} m of the route's {whole:.3} m")
+                let here = value(*progress);
+                format!("had followed {here:.3} m of the route's {whole:.3} m")
             }
         }
     }
@@ -818,12 +847,12 @@ impl Judge {
     ///
     /// Clearances are between the robot's disc and what it must not touch. The slalom has one
     /// `offset` for each passage, in order, positive to the left.
-    pub fn metrics(&self) -> Vec<(&'static str, f64, &'static str)> {
+    pub fn metrics(&self) -> Vec<(&'static str, S, &'static str)> {
         let mut metrics = Vec::new();
         if let Some((gap, t, beacon)) = self.clearance {
             metrics.push(("beacon clearance", gap, "m"));
             metrics.push(("beacon clearance time", t, "s"));
-            metrics.push(("beacon clearance index", beacon as f64, ""));
+            metrics.push(("beacon clearance index", S::from(beacon as f64), ""));
         }
         if let Some((gap, t)) = self.wall_clearance {
             metrics.push(("wall clearance", gap, "m"));
@@ -845,17 +874,18 @@ impl Judge {
                 ..
             } => {
                 if let Some((_, along)) = crossing {
-                    metrics.push(("center error", (along - length / 2.0).abs(), "m"));
+                    let error = (*along - S::from(length / 2.0)).abs();
+                    metrics.push(("center error", error, "m"));
                 }
                 metrics.push(("distance from gate", *beyond, "m"));
             }
             Task::Eight { windings, gap, .. } => {
-                metrics.push(("first winding", windings[0], ""));
-                metrics.push(("second winding", windings[1], ""));
+                metrics.push(("first winding", S::from(windings[0]), ""));
+                metrics.push(("second winding", S::from(windings[1]), ""));
                 metrics.push(("closing gap", *gap, "m"));
             }
             Task::Slalom { offsets, .. } => {
-                metrics.push(("beacons passed", offsets.len() as f64, ""));
+                metrics.push(("beacons passed", S::from(offsets.len() as f64), ""));
                 metrics.extend(offsets.iter().map(|offset| ("offset", *offset, "m")));
             }
             Task::Route {

@@ -2,54 +2,64 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::Value;
+use appell_model::scalar::{Mask, Scalar};
+use appell_model::wide::{Job, widest};
 
 use crate::judge::Judge;
-use crate::record::{Event, Header, RecordError, Recorder};
-use crate::run::{Metric, StatisticsRow, StatisticsTable};
+use crate::run::{StatisticsRow, StatisticsTable};
 use crate::scenario::{Scenario, Terrain};
+use crate::signal::Signal;
 
-/// A recorder that passes everything on and measures on the way.
-pub(crate) struct Meter<'a> {
-    inner: &'a mut dyn Recorder,
-    robots: Vec<Gauge>,
-    differences: Vec<Vec<Spread>>,
+/// Measures runs in lanes.
+pub(crate) struct Meter<T> {
+    robots: Vec<Gauge<T>>,
+    differences: Vec<Vec<Spread<T>>>,
+}
+
+/// A figure of a run with its unit and, where there is one, a remark.
+pub(crate) struct Figure<S> {
+    pub name: String,
+    pub value: S,
+    pub unit: String,
+    pub note: String,
 }
 
 /// Running mean and sum of squares of a difference of two columns (B. P. Welford, *Note on a method
 /// for calculating corrected sums of squares and products*, Technometrics 4(3) 1962).
-struct Spread {
+struct Spread<T> {
     columns: [usize; 2],
     unit: String,
-    count: u64,
-    mean: f64,
-    squares: f64,
+    count: T,
+    mean: T,
+    squares: T,
 }
 
-impl Spread {
-    fn add(&mut self, value: f64) {
-        self.count += 1;
+impl<T: Scalar> Spread<T> {
+    fn add(&mut self, value: T, of: T::Mask) {
+        let count = self.count + T::one();
         let before = value - self.mean;
-        self.mean += before / self.count as f64;
-        self.squares += before * (value - self.mean);
+        let mean = self.mean + before / count;
+        let squares = self.squares + before * (value - mean);
+        self.count = T::select(of, count, self.count);
+        self.mean = T::select(of, mean, self.mean);
+        self.squares = T::select(of, squares, self.squares);
     }
 
     /// Standard deviation of the values themselves.
-    fn std(&self) -> f64 {
-        (self.squares / self.count.max(1) as f64).sqrt()
+    fn std(&self) -> T {
+        (self.squares / self.count.max(T::one())).sqrt()
     }
 }
 
 /// Running figures of one robot, from the recorded rows.
-#[derive(Default)]
-struct Gauge {
+struct Gauge<T> {
     /// Columns of the forward and the left speed.
     speeds: Option<[usize; 2]>,
     /// Odometries whose error is told apart: name, columns of the whole error and of its causes, last
     /// values.
-    odometries: Vec<(String, [usize; 5], [f64; 5])>,
+    odometries: Vec<(String, [usize; 5], [T; 5])>,
     /// Column of the hitch angle of a trailer, and its largest size, rad.
-    hitch: Option<(usize, f64)>,
+    hitch: Option<(usize, T)>,
     /// Column of the distance from the planned path.
     offset: Option<usize>,
     commands: Vec<(usize, &'static str)>,
@@ -62,43 +72,226 @@ struct Gauge {
     /// Column of the distance of the zero-moment point from the edge of the support.
     tip: Option<usize>,
     /// Columns of energy supplied, heat of windings and residual, with their last values.
-    energies: Vec<(&'static str, usize, f64)>,
+    energies: Vec<(&'static str, usize, T)>,
     /// Coefficient of friction of the ground, if it is known.
     friction: Option<f64>,
-    /// Lowest load of a wheel, N, once loads are known.
-    load: Option<f64>,
+    /// Lowest load of a wheel, N; infinite until loads are known.
+    load: T,
     /// Highest share of the friction limit, %.
-    demand: f64,
-    /// Lowest tip-over margin, m.
-    margin: Option<f64>,
-    /// Where a wheel first asked for more friction than there is, lifted, and the robot tipped.
-    first_slip: Option<Place>,
-    first_lift: Option<Place>,
-    first_tip: Option<Place>,
-    speed: f64,
-    command_square: f64,
-    command_peak: f64,
-    torque_peak: f64,
-    current_peak: f64,
-    offset_square: f64,
-    offset_peak: f64,
-    rows: f64,
+    demand: T,
+    /// Lowest tip-over margin, m; infinite until it is known.
+    margin: T,
+    /// Where, in each lane, a wheel first asked for more friction than there is, lifted, and the
+    /// robot tipped.
+    first_slip: Vec<Option<Place>>,
+    first_lift: Vec<Option<Place>>,
+    first_tip: Vec<Option<Place>>,
+    speed: T,
+    command_square: T,
+    command_peak: T,
+    torque_peak: T,
+    current_peak: T,
+    offset_square: T,
+    offset_peak: T,
+    rows: T,
+}
+
+impl<T: Scalar> Gauge<T> {
+    fn new(friction: Option<f64>) -> Self {
+        let (zero, endless) = (T::zero(), T::from(f64::INFINITY));
+        let nowhere = || (0..T::LANES).map(|_| None).collect();
+        Gauge {
+            speeds: None,
+            odometries: Vec::new(),
+            hitch: None,
+            offset: None,
+            commands: Vec::new(),
+            currents: Vec::new(),
+            torques: Vec::new(),
+            forces: Vec::new(),
+            position: None,
+            tip: None,
+            energies: Vec::new(),
+            friction,
+            load: endless,
+            demand: zero,
+            margin: endless,
+            first_slip: nowhere(),
+            first_lift: nowhere(),
+            first_tip: nowhere(),
+            speed: zero,
+            command_square: zero,
+            command_peak: zero,
+            torque_peak: zero,
+            current_peak: zero,
+            offset_square: zero,
+            offset_peak: zero,
+            rows: zero,
+        }
+    }
+
+    /// Forgets what was measured in a lane.
+    fn clear(&mut self, lane: usize) {
+        let zero = |number: &mut T| set(number, lane, 0.0);
+        for (.., last) in &mut self.odometries {
+            last.iter_mut().for_each(zero);
+        }
+        if let Some((_, largest)) = &mut self.hitch {
+            zero(largest);
+        }
+        for (.., last) in &mut self.energies {
+            zero(last);
+        }
+        for number in [
+            &mut self.demand,
+            &mut self.speed,
+            &mut self.command_square,
+            &mut self.command_peak,
+            &mut self.torque_peak,
+            &mut self.current_peak,
+            &mut self.offset_square,
+            &mut self.offset_peak,
+            &mut self.rows,
+        ] {
+            zero(number);
+        }
+        set(&mut self.load, lane, f64::INFINITY);
+        set(&mut self.margin, lane, f64::INFINITY);
+        self.first_slip[lane] = None;
+        self.first_lift[lane] = None;
+        self.first_tip[lane] = None;
+    }
+
+    /// Takes a row of these lanes.
+    #[inline(always)]
+    fn add(&mut self, t: T, row: &[T], of: T::Mask) {
+        self.rows = T::select(of, self.rows + T::one(), self.rows);
+        if let Some([forward, left]) = self.speeds {
+            highest(
+                &mut self.speed,
+                crate::plant::speed(row[forward], row[left]),
+                of,
+            );
+        }
+        if let Some((k, largest)) = &mut self.hitch {
+            highest(largest, row[*k], of);
+        }
+        for (_, columns, last) in &mut self.odometries {
+            for part in 0..5 {
+                last[part] = T::select(of, row[columns[part]], last[part]);
+            }
+        }
+        if let Some(k) = self.offset {
+            let sum = self.offset_square + row[k] * row[k];
+            self.offset_square = T::select(of, sum, self.offset_square);
+            highest(&mut self.offset_peak, row[k], of);
+        }
+        for (_, k, last) in &mut self.energies {
+            *last = T::select(of, row[*k], *last);
+        }
+        for &(k, _) in &self.commands {
+            let sum = self.command_square + row[k] * row[k];
+            self.command_square = T::select(of, sum, self.command_square);
+            highest(&mut self.command_peak, row[k], of);
+        }
+        for &k in &self.torques {
+            highest(&mut self.torque_peak, row[k], of);
+        }
+        for &k in &self.currents {
+            highest(&mut self.current_peak, row[k], of);
+        }
+        self.watch_contacts(t, row, of);
+    }
+
+    #[inline(always)]
+    fn watch_contacts(&mut self, t: T, row: &[T], of: T::Mask) {
+        // Without three contacts the loads are not known, and all are zero.
+        let mut known = T::Mask::splat(false);
+        for k in 0..self.forces.len() {
+            known = known.or(T::zero().less(row[self.forces[k].1[2]].abs()));
+        }
+        let known = known.and(of);
+        if known.any() {
+            for wheel in 0..self.forces.len() {
+                let [along, across, load] = self.forces[wheel].1;
+                let load = row[load];
+                self.load = T::select(known, self.load.min(load), self.load);
+                let lifts = known.and(load.less(T::zero()));
+                if lifts.any() {
+                    note(&mut self.first_lift, lifts, wheel, t, row, self.position);
+                }
+                if let Some(friction) = self.friction {
+                    let force = crate::plant::speed(row[along], row[across]);
+                    // A wheel that just touches needs no friction for a force that is rounding.
+                    let limit = (T::from(friction) * load).max(T::from(1e-9));
+                    let slight = force.less(T::from(1e-9));
+                    let share = T::select(slight, T::zero(), T::from(100.0) * force / limit);
+                    let most = self.demand.max(share.min(T::from(1e6)));
+                    self.demand = T::select(known, most, self.demand);
+                    let slips = known.and(T::from(100.0).less(share));
+                    if slips.any() {
+                        note(&mut self.first_slip, slips, wheel, t, row, self.position);
+                    }
+                }
+            }
+        }
+        if let Some(k) = self.tip {
+            let margin = row[k];
+            self.margin = T::select(of, self.margin.min(margin), self.margin);
+            let tips = of.and(margin.less(T::zero()));
+            if tips.any() {
+                note(&mut self.first_tip, tips, usize::MAX, t, row, self.position);
+            }
+        }
+    }
+}
+
+/// Raises a peak to the size of a value in some lanes.
+#[inline(always)]
+fn highest<T: Scalar>(peak: &mut T, value: T, of: T::Mask) {
+    *peak = T::select(of, peak.max(value.abs()), *peak);
+}
+
+/// Keeps where something happened first, in each lane. Allocates nothing.
+fn note<T: Scalar>(
+    first: &mut [Option<Place>],
+    happened: T::Mask,
+    wheel: usize,
+    t: T,
+    row: &[T],
+    position: Option<[usize; 2]>,
+) {
+    for (lane, first) in first.iter_mut().enumerate() {
+        if happened.lane(lane) && first.is_none() {
+            *first = Some(Place {
+                t: t.lane(lane),
+                position: position.map_or([0.0; 2], |at| at.map(|k| row[k].lane(lane))),
+                wheel,
+            });
+        }
+    }
+}
+
+/// Puts a value into a lane.
+fn set<T: Scalar>(number: &mut T, lane: usize, value: f64) {
+    let before = *number;
+    *number = T::from_lanes(|i| if i == lane { value } else { before.lane(i) });
 }
 
 /// Where and when something happened first.
 struct Place {
     t: f64,
     position: [f64; 2],
-    /// The wheel; empty for the whole robot.
-    wheel: String,
+    /// The wheel, of those with forces; none for the whole robot.
+    wheel: usize,
 }
 
 impl Place {
     /// As a note: `from 1.25 s at (0.50, 2.00), left`.
-    fn note(&self) -> String {
-        let wheel = match self.wheel.as_str() {
-            "" => String::new(),
-            wheel => format!(", {wheel}"),
+    fn note(&self, wheels: &[(String, [usize; 3])]) -> String {
+        let wheel = match wheels.get(self.wheel) {
+            None => String::new(),
+            Some((wheel, _)) => format!(", {wheel}"),
         };
         let [x, y] = self.position;
         format!("from {:.2} s at ({x:.2}, {y:.2}){wheel}", self.t)
@@ -111,9 +304,9 @@ fn divided(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     quotient.is_finite().then_some(quotient)
 }
 
-impl<'a> Meter<'a> {
+impl<T: Scalar> Meter<T> {
     /// Finds the columns of what it measures.
-    pub(crate) fn new(inner: &'a mut dyn Recorder, scenario: &Scenario, header: &Header) -> Self {
+    pub(crate) fn new(scenario: &Scenario, signals: &[Signal]) -> Self {
         let robots = scenario
             .robot
             .iter()
@@ -121,12 +314,9 @@ impl<'a> Meter<'a> {
                 let friction = match scenario.terrain {
                     Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
                 };
-                let mut gauge = Gauge {
-                    friction,
-                    ..Gauge::default()
-                };
+                let mut gauge = Gauge::new(friction);
                 let prefix = format!("robot.{}.", robot.name);
-                for (k, signal) in header.signals.iter().enumerate() {
+                for (k, signal) in signals.iter().enumerate() {
                     let Some(path) = signal.path.strip_prefix(&prefix) else {
                         continue;
                     };
@@ -137,12 +327,12 @@ impl<'a> Meter<'a> {
                         // y follows x.
                         "pose.x" => gauge.position = Some([k, k + 1]),
                         "tip_margin" => gauge.tip = Some(k),
-                        "wheel.trailer.steering_angle" => gauge.hitch = Some((k, 0.0)),
+                        "wheel.trailer.steering_angle" => gauge.hitch = Some((k, T::zero())),
                         _ => {}
                     }
                     for known in ["energy.supplied", "energy.windings", "energy.residual"] {
                         if path == known {
-                            gauge.energies.push((known, k, 0.0));
+                            gauge.energies.push((known, k, T::zero()));
                         }
                     }
                     if let Some(sensor) = path
@@ -151,17 +341,13 @@ impl<'a> Meter<'a> {
                     {
                         let place = |cause: &str| {
                             let path = format!("{prefix}sensor.{sensor}.error.{cause}.distance");
-                            header
-                                .signals
-                                .iter()
-                                .position(|s| s.path == path)
-                                .unwrap_or(k)
+                            signals.iter().position(|s| s.path == path).unwrap_or(k)
                         };
                         let [slip, method, geometry, encoder] = crate::sensor::CAUSES.map(place);
                         let columns = [k, slip, method, geometry, encoder];
                         gauge
                             .odometries
-                            .push((sensor.to_owned(), columns, [0.0; 5]));
+                            .push((sensor.to_owned(), columns, [T::zero(); 5]));
                     }
                     if path.starts_with("wheel.") {
                         for (ending, unit) in [
@@ -191,7 +377,7 @@ impl<'a> Meter<'a> {
             .collect();
         let column = |robot: &str, signal: &str| {
             let path = format!("robot.{robot}.{signal}");
-            header.signals.iter().position(|s| s.path == path)
+            signals.iter().position(|s| s.path == path)
         };
         let mut differences = Vec::new();
         for wanted in scenario.statistics.iter() {
@@ -202,24 +388,45 @@ impl<'a> Meter<'a> {
                     });
                     Spread {
                         columns,
-                        unit: header.signals[columns[0]].unit.clone(),
-                        count: 0,
-                        mean: 0.0,
-                        squares: 0.0,
+                        unit: signals[columns[0]].unit.clone(),
+                        count: T::zero(),
+                        mean: T::zero(),
+                        squares: T::zero(),
                     }
                 };
                 wanted.signals.iter().map(spread).collect()
             }));
         }
         Meter {
-            inner,
             robots,
             differences,
         }
     }
 
+    /// Forgets what was measured in a lane.
+    pub(crate) fn clear(&mut self, lane: usize) {
+        for gauge in &mut self.robots {
+            gauge.clear(lane);
+        }
+        for spread in self.differences.iter_mut().flatten() {
+            set(&mut spread.count, lane, 0.0);
+            set(&mut spread.mean, lane, 0.0);
+            set(&mut spread.squares, lane, 0.0);
+        }
+    }
+
+    /// Takes a row of these lanes, at their times, s.
+    pub(crate) fn add(&mut self, t: T, row: &[T], of: T::Mask) {
+        widest::<T, _>(Add {
+            meter: self,
+            t,
+            row,
+            of,
+        });
+    }
+
     /// The tables that the scenario asks for.
-    pub(crate) fn statistics(&self, scenario: &Scenario) -> Vec<StatisticsTable> {
+    pub(crate) fn statistics(&self, lane: usize, scenario: &Scenario) -> Vec<StatisticsTable> {
         let Some(wanted) = &scenario.statistics else {
             return Vec::new();
         };
@@ -228,14 +435,14 @@ impl<'a> Meter<'a> {
             let rows = wanted.signals.iter().zip(spreads);
             tables.push(StatisticsTable {
                 name: difference.name.clone(),
-                samples: spreads[0].count,
+                samples: spreads[0].count.lane(lane) as u64,
                 decimals: wanted.decimals,
                 rows: rows
                     .map(|(signal, spread)| StatisticsRow {
                         signal: signal.clone(),
                         unit: spread.unit.clone(),
-                        mean: Some(spread.mean),
-                        std: Some(spread.std()),
+                        mean: Some(spread.mean.lane(lane)),
+                        std: Some(spread.std().lane(lane)),
                     })
                     .collect(),
             });
@@ -274,14 +481,18 @@ impl<'a> Meter<'a> {
     pub(crate) fn metrics(
         &self,
         robot: usize,
-        judge: &Judge,
+        lane: usize,
+        judge: &Judge<T::Single>,
         scenario: &Scenario,
         end: f64,
-    ) -> Vec<Metric> {
+    ) -> Vec<Figure<T::Single>> {
+        type Number<T> = <T as Scalar>::Single;
         let gauge = &self.robots[robot];
         let mut metrics = Vec::new();
-        let mut add = |name: &str, value: f64, unit: &str, note: String| {
-            metrics.push(Metric {
+        let of = |number: T| number.single(lane);
+        let plain = |number: T| number.lane(lane);
+        let mut add = |name: &str, value: Number<T>, unit: &str, note: String| {
+            metrics.push(Figure {
                 name: name.into(),
                 value,
                 unit: unit.into(),
@@ -290,14 +501,14 @@ impl<'a> Meter<'a> {
         };
         add(
             "time",
-            end,
+            Number::<T>::from(end),
             "s",
             format!("limit {} s", scenario.time.duration),
         );
         let judged: BTreeMap<&str, f64> = judge
             .metrics()
             .into_iter()
-            .map(|(name, value, _)| (name, value))
+            .map(|(name, value, _)| (name, value.lane(0)))
             .collect();
         let beacon = judged
             .get("beacon clearance index")
@@ -342,38 +553,40 @@ impl<'a> Meter<'a> {
             };
             add(name, value, unit, note);
         }
-        let rows = gauge.rows.max(1.0);
-        add("highest speed", gauge.speed, "m/s", String::new());
+        let rows = gauge.rows.max(T::one());
+        add("highest speed", of(gauge.speed), "m/s", String::new());
         if gauge.offset.is_some() {
-            let note = format!("at most {:.1} mm", 1e3 * gauge.offset_peak);
+            let note = format!("at most {:.1} mm", 1e3 * plain(gauge.offset_peak));
             add(
                 "cross-track error, RMS",
-                (gauge.offset_square / rows).sqrt(),
+                of((gauge.offset_square / rows).sqrt()),
                 "m",
                 note,
             );
         }
         if let Some((_, angle)) = gauge.hitch {
-            let note = if angle > std::f64::consts::FRAC_PI_2 {
+            let note = if plain(angle) > std::f64::consts::FRAC_PI_2 {
                 "jackknifed: the trailer stands in its robot"
             } else {
                 "the trailer is no part of the disc that must not touch"
             };
-            add("largest hitch angle", angle.to_degrees(), "°", note.into());
+            let degrees = angle * T::from(180.0 / std::f64::consts::PI);
+            add("largest hitch angle", of(degrees), "°", note.into());
         }
         for (sensor, _, errors) in &gauge.odometries {
-            let [all, slip, method, geometry, encoder] = errors;
+            let [_, slip, method, geometry, encoder] = errors.map(plain);
+            let all = of(errors[0]);
             let note = format!(
                 "slip {slip:.4}, method {method:.4}, geometry {geometry:.4}, encoder {encoder:.4} m"
             );
-            add(&format!("error of {sensor} at the end"), *all, "m", note);
+            add(&format!("error of {sensor} at the end"), all, "m", note);
         }
         if let Some((_, unit)) = gauge.commands.first() {
-            let count = rows * gauge.commands.len() as f64;
-            let note = format!("peak {:.4} {unit}", gauge.command_peak);
+            let count = rows * T::from(gauge.commands.len() as f64);
+            let note = format!("peak {:.4} {unit}", plain(gauge.command_peak));
             add(
                 "control effort, RMS",
-                (gauge.command_square / count).sqrt(),
+                of((gauge.command_square / count).sqrt()),
                 unit,
                 note,
             );
@@ -381,7 +594,7 @@ impl<'a> Meter<'a> {
         if !gauge.torques.is_empty() {
             add(
                 "highest wheel torque",
-                gauge.torque_peak,
+                of(gauge.torque_peak),
                 "N·m",
                 String::new(),
             );
@@ -389,43 +602,43 @@ impl<'a> Meter<'a> {
         if !gauge.currents.is_empty() {
             add(
                 "highest motor current",
-                gauge.current_peak,
+                of(gauge.current_peak),
                 "A",
                 String::new(),
             );
         }
-        let told = |place: &Option<Place>, what: &str, otherwise: String| match place {
-            Some(place) => format!("{what} {}", place.note()),
+        let told = |places: &[Option<Place>], what: &str, otherwise: String| match &places[lane] {
+            Some(place) => format!("{what} {}", place.note(&gauge.forces)),
             None => otherwise,
         };
-        if let Some(load) = gauge.load {
+        if plain(gauge.load) < f64::INFINITY {
             let note = told(&gauge.first_lift, "a wheel would lift", String::new());
-            add("lowest wheel load", load, "N", note);
+            add("lowest wheel load", of(gauge.load), "N", note);
             if let Some(friction) = gauge.friction {
                 let limit = format!("of μN, μ = {friction}");
                 let note = told(&gauge.first_slip, "would slip", limit);
-                add("highest friction used", gauge.demand, "%", note);
+                add("highest friction used", of(gauge.demand), "%", note);
             }
         }
-        if let Some(margin) = gauge.margin {
+        if plain(gauge.margin) < f64::INFINITY {
             let note = told(&gauge.first_tip, "would tip over", String::new());
-            add("lowest tip-over margin", margin, "m", note);
+            add("lowest tip-over margin", of(gauge.margin), "m", note);
         }
         let last = |key: &str| {
             let known = gauge.energies.iter().find(|(name, ..)| *name == key);
             known.map(|&(_, _, value)| value)
         };
         if let Some(supplied) = last("energy.supplied") {
-            let heat = last("energy.windings").unwrap_or(0.0);
+            let heat = last("energy.windings").map_or(0.0, plain);
             let note = if gauge.currents.is_empty() {
                 String::new()
             } else {
                 format!("heat in windings {heat:.3} J")
             };
-            add("energy supplied", supplied, "J", note);
+            add("energy supplied", of(supplied), "J", note);
             add(
                 "energy ledger residual",
-                last("energy.residual").unwrap_or(0.0),
+                of(last("energy.residual").unwrap_or(T::zero())),
                 "J",
                 String::new(),
             );
@@ -434,92 +647,24 @@ impl<'a> Meter<'a> {
     }
 }
 
-impl Recorder for Meter<'_> {
-    fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
-        self.inner.begin(header)
-    }
+struct Add<'a, T: Scalar> {
+    meter: &'a mut Meter<T>,
+    t: T,
+    row: &'a [T],
+    of: T::Mask,
+}
 
-    fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
-        for spread in self.differences.iter_mut().flatten() {
+impl<T: Scalar> Job for Add<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for spread in self.meter.differences.iter_mut().flatten() {
             let [of, minus] = spread.columns;
-            spread.add(row[of] - row[minus]);
+            spread.add(self.row[of] - self.row[minus], self.of);
         }
-        for gauge in &mut self.robots {
-            gauge.rows += 1.0;
-            if let Some([forward, left]) = gauge.speeds {
-                let speed = crate::plant::speed(row[forward], row[left]);
-                gauge.speed = gauge.speed.max(speed);
-            }
-            if let Some((k, largest)) = &mut gauge.hitch {
-                *largest = largest.max(row[*k].abs());
-            }
-            for (_, columns, last) in &mut gauge.odometries {
-                *last = columns.map(|k| row[k]);
-            }
-            if let Some(k) = gauge.offset {
-                gauge.offset_square += row[k] * row[k];
-                gauge.offset_peak = gauge.offset_peak.max(row[k].abs());
-            }
-            for (_, k, last) in &mut gauge.energies {
-                *last = row[*k];
-            }
-            for &(k, _) in &gauge.commands {
-                gauge.command_square += row[k] * row[k];
-                gauge.command_peak = gauge.command_peak.max(row[k].abs());
-            }
-            let position = gauge.position.map_or([0.0; 2], |at| at.map(|k| row[k]));
-            // Nothing is allocated but for what happens for the first time.
-            let here = |wheel: &str| Place {
-                t,
-                position,
-                wheel: wheel.to_owned(),
-            };
-            // Without three contacts the loads are not known, and all are zero.
-            let known = gauge
-                .forces
-                .iter()
-                .any(|(_, columns)| row[columns[2]] != 0.0);
-            for (wheel, columns) in gauge.forces.iter().filter(|_| known) {
-                let [along, across, load] = columns.map(|k| row[k]);
-                gauge.load = Some(gauge.load.map_or(load, |lowest| lowest.min(load)));
-                if load < 0.0 && gauge.first_lift.is_none() {
-                    gauge.first_lift = Some(here(wheel));
-                }
-                if let Some(friction) = gauge.friction {
-                    let force = crate::plant::speed(along, across);
-                    // A wheel that just touches needs no friction for a force that is rounding.
-                    let share = if force < 1e-9 {
-                        0.0
-                    } else {
-                        100.0 * force / (friction * load).max(1e-9)
-                    };
-                    gauge.demand = gauge.demand.max(share.min(1e6));
-                    if share > 100.0 && gauge.first_slip.is_none() {
-                        gauge.first_slip = Some(here(wheel));
-                    }
-                }
-            }
-            if let Some(margin) = gauge.tip.map(|k| row[k]) {
-                gauge.margin = Some(gauge.margin.map_or(margin, |lowest| lowest.min(margin)));
-                if margin < 0.0 && gauge.first_tip.is_none() {
-                    gauge.first_tip = Some(here(""));
-                }
-            }
-            for &k in &gauge.torques {
-                gauge.torque_peak = gauge.torque_peak.max(row[k].abs());
-            }
-            for &k in &gauge.currents {
-                gauge.current_peak = gauge.current_peak.max(row[k].abs());
-            }
+        for gauge in &mut self.meter.robots {
+            gauge.add(self.t, self.row, self.of);
         }
-        self.inner.frame(t, row)
-    }
-
-    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        self.inner.event(event)
-    }
-
-    fn finish(&mut self, summary: &Value) -> Result<(), RecordError> {
-        self.inner.finish(summary)
     }
 }

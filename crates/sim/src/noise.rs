@@ -4,7 +4,7 @@
 //! function of its key and counter, so that one more sensor, or another order of evaluation,
 //! changes no other number.
 
-use appell_model::math::single::sin_cos;
+use appell_model::lanewise::Lanewise;
 use appell_model::scalar::Scalar;
 
 /// A stream of normal deviates for one signal.
@@ -33,25 +33,73 @@ impl Stream {
     /// Two independent uniform deviates in (0, 1), drawn at `counter`.
     pub fn uniforms(&self, counter: u64) -> [f64; 2] {
         let words = philox([counter as u32, (counter >> 32) as u32, 0, 0], self.key);
-        let uniform = |high: u32, low: u32| {
-            // 53 bits, shifted off zero by half a step.
-            let bits = (u64::from(high) << 21) ^ u64::from(low >> 11);
-            (bits as f64 + 0.5) / (1_u64 << 53) as f64
-        };
         [uniform(words[0], words[1]), uniform(words[2], words[3])]
     }
 
-    /// Two independent standard normal deviates, drawn at `counter` (Box–Muller).
+    /// Two independent standard normal deviates, drawn at `counter`.
     pub fn normals(&self, counter: u64) -> [f64; 2] {
-        let [first, second] = self.uniforms(counter);
-        let radius = (-2.0 * Scalar::ln(first)).sqrt();
-        let angle = std::f64::consts::TAU * second;
-        let (sin, cos) = sin_cos(angle);
-        [radius * cos, radius * sin]
+        normal_pair(self.uniforms(counter))
     }
 }
 
+/// Most lanes of a number.
+const LANES_MAX: usize = 8;
+
+/// The streams of one signal in every lane.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Streams([[u32; 2]; LANES_MAX]);
+
+impl Streams {
+    /// The same stream in every lane.
+    pub fn new(stream: Stream) -> Self {
+        Streams([stream.key; LANES_MAX])
+    }
+
+    /// Two independent standard normal deviates, drawn at each lane's counter.
+    #[inline(always)]
+    pub fn normals<T: Scalar>(&self, counters: &[u64]) -> [T; 2] {
+        let mut pairs = [[0.0; 2]; LANES_MAX];
+        for lane in 0..T::LANES {
+            let counter = counters[lane];
+            let words = philox([counter as u32, (counter >> 32) as u32, 0, 0], self.0[lane]);
+            pairs[lane] = [uniform(words[0], words[1]), uniform(words[2], words[3])];
+        }
+        normal_pair([
+            T::from_lanes(|lane| pairs[lane][0]),
+            T::from_lanes(|lane| pairs[lane][1]),
+        ])
+    }
+}
+
+impl Lanewise for Streams {
+    type One = Streams;
+
+    fn fits(&self, _one: &Streams) -> bool {
+        true
+    }
+
+    fn put(&mut self, lane: usize, one: &Streams) {
+        self.0[lane] = one.0[0];
+    }
+}
+
+/// 53 bits of two words, shifted off zero by half a step.
+#[inline(always)]
+fn uniform(high: u32, low: u32) -> f64 {
+    let bits = (u64::from(high) << 21) ^ u64::from(low >> 11);
+    (bits as f64 + 0.5) / (1_u64 << 53) as f64
+}
+
+/// Two independent normal deviates from two uniform ones (Box–Muller).
+#[inline(always)]
+fn normal_pair<T: Scalar>([first, second]: [T; 2]) -> [T; 2] {
+    let radius = (T::from(-2.0) * first.ln()).sqrt();
+    let (sin, cos) = (T::from(std::f64::consts::TAU) * second).sin_cos();
+    [radius * cos, radius * sin]
+}
+
 /// Philox4x32 with ten rounds.
+#[inline(always)]
 fn philox(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for _ in 0..10 {
         let first = 0xd251_1f53_u64 * u64::from(counter[0]);

@@ -16,6 +16,7 @@ use crate::judge::{
 };
 use crate::layout::{Goal, Layout};
 use appell_model::math::single::{atan2, sin_cos};
+use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -58,15 +59,15 @@ impl std::error::Error for PlanError {}
 
 /// What the robot that follows a path can do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SpeedLimits {
+pub struct SpeedLimits<T = f64> {
     /// Largest speed, m/s.
-    pub speed: f64,
+    pub speed: T,
     /// Largest acceleration along the path, either way, m/s².
-    pub acceleration: f64,
+    pub acceleration: T,
     /// Largest acceleration across the path, m/s².
-    pub lateral_acceleration: f64,
+    pub lateral_acceleration: T,
     /// Largest yaw rate, rad/s.
-    pub yaw_rate: f64,
+    pub yaw_rate: T,
 }
 
 /// Limits by which candidates are compared.
@@ -93,6 +94,32 @@ const GRAZE: f64 = 1e-7;
 /// Angle between the corners of a polygonal arc, rad.
 const ARC_STEP: f64 = 0.1;
 
+/// Largest speed, m/s, that keeps the limits at points `ds`, m, apart with these curvatures, 1/m, from
+/// rest to rest.
+pub(crate) fn speed_profile<T: Scalar>(
+    curvature: impl Iterator<Item = f64>,
+    ds: f64,
+    limits: &SpeedLimits<T>,
+) -> Vec<T> {
+    let bound = |curvature: f64| {
+        let curvature = T::from(curvature.abs().max(1e-9));
+        let across = (limits.lateral_acceleration / curvature).sqrt();
+        limits.speed.min(limits.yaw_rate / curvature).min(across)
+    };
+    let mut speed: Vec<T> = curvature.map(bound).collect();
+    let gain = T::from(2.0) * limits.acceleration * T::from(ds);
+    let (first, last) = (0, speed.len() - 1);
+    speed[first] = T::zero();
+    speed[last] = T::zero();
+    for k in 1..=last {
+        speed[k] = speed[k].min((speed[k - 1] * speed[k - 1] + gain).sqrt());
+    }
+    for k in (0..last).rev() {
+        speed[k] = speed[k].min((speed[k + 1] * speed[k + 1] + gain).sqrt());
+    }
+    speed
+}
+
 impl Path {
     /// Position, heading and curvature at arc length `s`, m; held beyond the ends.
     pub fn at(&self, s: f64) -> ([f64; 2], f64, f64) {
@@ -114,25 +141,7 @@ impl Path {
 
     /// Largest speed at each point that keeps the limits, from rest to rest, m/s.
     pub fn speed_profile(&self, limits: &SpeedLimits) -> Vec<f64> {
-        let bound = |curvature: &f64| {
-            let curvature = curvature.abs().max(1e-9);
-            limits
-                .speed
-                .min(limits.yaw_rate / curvature)
-                .min((limits.lateral_acceleration / curvature).sqrt())
-        };
-        let mut speed: Vec<f64> = self.curvature.iter().map(bound).collect();
-        let gain = 2.0 * limits.acceleration * self.ds;
-        let (first, last) = (0, speed.len() - 1);
-        speed[first] = 0.0;
-        speed[last] = 0.0;
-        for k in 1..=last {
-            speed[k] = speed[k].min((speed[k - 1] * speed[k - 1] + gain).sqrt());
-        }
-        for k in (0..last).rev() {
-            speed[k] = speed[k].min((speed[k + 1] * speed[k + 1] + gain).sqrt());
-        }
-        speed
+        speed_profile(self.curvature.iter().copied(), self.ds, limits)
     }
 
     /// Time to follow the path within the limits, s.

@@ -1,31 +1,35 @@
 //! The plant: a platform at a level of model, with an integrator, as a [`Block`].
 
+use std::any::Any;
+
 use appell_model::dynamics::{Dynamics, Held};
 use appell_model::ground::Ground;
 use appell_model::integrate::{
     Adaptive, Exponential, RungeKutta4, Stalled, observe, spectral_radius,
 };
 use appell_model::kinematic::Kinematic;
+use appell_model::lanewise::Lanewise;
 use appell_model::math::hypot;
 use appell_model::planar::vec2;
 use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
+use appell_model::scalar::{Mask, Scalar};
 
-use crate::block::{Block, BlockError, Detail, Port, restore_numbers, save_numbers};
+use crate::block::{Block, BlockError, Detail, Now, Port, restore_numbers, save_numbers};
 use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
 
 /// A platform that moves.
-pub struct Plant {
+pub struct Plant<T: Scalar = f64> {
     name: String,
-    system: System,
-    method: Method,
+    system: System<T>,
+    method: Method<T>,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
-    x: Vec<f64>,
-    u: Vec<f64>,
-    mode: Vec<f64>,
-    y: Vec<f64>,
+    x: Vec<T>,
+    u: Vec<T>,
+    mode: Vec<T>,
+    y: Vec<T>,
     /// Where each command, and the brake, stand in the model's input.
     commands: Vec<usize>,
     brake: usize,
@@ -34,20 +38,20 @@ pub struct Plant {
     /// Step of the physics, s.
     step: f64,
     /// Mechanical and magnetic energy at the start, J: where the ledger begins.
-    energy_start: f64,
+    energy_start: T,
 }
 
 /// A level of model.
-enum System {
-    Kinematic(Box<Kinematic<f64>>),
-    Rolling(Box<Rolling<f64>>),
+enum System<T: Scalar> {
+    Kinematic(Box<Kinematic<T>>),
+    Rolling(Box<Rolling<T>>),
 }
 
 /// A way to integrate.
-enum Method {
-    RungeKutta4(RungeKutta4<f64>),
-    Exponential(Box<Exponential<f64>>),
-    Adaptive(Box<Adaptive<f64>>),
+enum Method<T: Scalar> {
+    RungeKutta4(RungeKutta4<T>),
+    Exponential(Box<Exponential<T>>),
+    Adaptive(Box<Adaptive<T>>),
 }
 
 /// Why a plant cannot be built; problem and hint.
@@ -74,47 +78,42 @@ pub struct Numerics {
 
 /// Start of a plant.
 #[derive(Clone, Copy, Debug)]
-pub struct Start<'a> {
+pub struct Start<'a, T> {
     /// Pose x, y, yaw: m, m, rad.
-    pub pose: [f64; 3],
+    pub pose: [T; 3],
     /// Forward speed, m/s, and yaw rate, rad/s.
-    pub twist: [f64; 2],
+    pub twist: [T; 2],
     /// Angles of swivelling wheels, rad.
     pub angles: &'a [f64],
 }
 
-impl Plant {
+impl<T: Scalar> Plant<T> {
     /// Joins a platform to a ground, a level and an integrator.
     pub fn new(
         name: &str,
-        platform: Platform<f64>,
-        ground: Ground<f64>,
+        platform: Platform<T>,
+        ground: Ground<T>,
         level: Level,
         numerics: Numerics,
-        start: Start<'_>,
+        start: Start<'_, T>,
     ) -> Result<Self, PlantError> {
         let layout = platform.layout().clone();
-        let mut x = crate::build::rest_state(&platform, start.pose, start.angles);
-        let v = platform.velocity_from_twist(vec2(start.twist[0], 0.0), start.twist[1], &[]);
+        let angles: Vec<T> = start.angles.iter().map(|&angle| T::from(angle)).collect();
+        let mut x = crate::build::rest_state(&platform, start.pose, &angles);
+        let v = platform.velocity_from_twist(vec2(start.twist[0], T::zero()), start.twist[1], &[]);
         if level == Level::Rolling {
             let at = layout.velocity();
             x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
         }
-        let u = vec![0.0; layout.input()];
+        let u = vec![T::zero(); layout.input()];
         // Wheels with friction start as their rates say: at rest they stick until pushed.
-        let mode: Vec<f64> = {
-            let reduced_rates = wheel_rates(&platform, &x, &v);
-            reduced_rates
-                .iter()
-                .map(|rate| {
-                    if *rate == 0.0 {
-                        0.0
-                    } else {
-                        1.0_f64.copysign(*rate)
-                    }
-                })
-                .collect()
-        };
+        let mode: Vec<T> = wheel_rates(&platform, &x, &v)
+            .iter()
+            .map(|rate| {
+                let rests = rate.abs().less_equal(T::zero());
+                T::select(rests, T::zero(), T::one().copysign(*rate))
+            })
+            .collect();
         let driven: Vec<usize> = (0..layout.wheels)
             .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some())
             .collect();
@@ -123,6 +122,8 @@ impl Plant {
         commands.extend((0..layout.steered.len()).map(|k| layout.steering_input() + k));
         let prefix = format!("robot.{name}");
         let (inputs, mut outputs) = ports(&prefix, &platform, level);
+        // What the method is chosen by: the nominal robot.
+        let nominal = platform.map(&mut |_, number: T| number.lane(0));
         let system = match level {
             Level::Kinematic => {
                 // More wheels commanded than directions to go: they may disagree.
@@ -150,28 +151,8 @@ impl Plant {
                 System::Rolling(Box::new(system))
             }
         };
-        // A wheel that stands straight may hide what it resists once it is turned.
-        let mut states = vec![x.clone()];
-        if !layout.constant {
-            for turn in [0.5, 1.2] {
-                let turned: Vec<f64> = start.angles.iter().map(|angle| angle + turn).collect();
-                let mut other = x.clone();
-                for (k, angle) in turned.iter().enumerate().take(layout.swivels.len()) {
-                    other[layout.swivel(k)] = *angle;
-                }
-                let platform = match &system {
-                    System::Kinematic(system) => system.platform(),
-                    System::Rolling(system) => system.platform(),
-                };
-                platform.renew_angles(&mut other);
-                states.push(other);
-            }
-        }
-        let method = match &system {
-            System::Kinematic(system) => method(system.as_ref(), numerics, &states, &u)?,
-            System::Rolling(system) => method(system.as_ref(), numerics, &states, &u)?,
-        };
-        let y = vec![0.0; layout.output()];
+        let method = method(&system, nominal, numerics, start.angles)?;
+        let y = vec![T::zero(); layout.output()];
         let mut plant = Plant {
             name: prefix,
             system,
@@ -186,21 +167,18 @@ impl Plant {
             brake: layout.brake_input(),
             is_overdriven,
             step: numerics.step,
-            energy_start: 0.0,
+            energy_start: T::zero(),
         };
         plant.energy_start = plant.energy();
         Ok(plant)
     }
 
     fn layout(&self) -> &Layout {
-        match &self.system {
-            System::Kinematic(system) => system.platform().layout(),
-            System::Rolling(system) => system.platform().layout(),
-        }
+        self.system.platform().layout()
     }
 
     /// Kinetic, potential and magnetic energy together, J.
-    fn energy(&mut self) -> f64 {
+    fn energy(&mut self) -> T {
         let y = &mut self.y;
         match &self.system {
             System::Kinematic(s) => s.output(&self.x, &self.u, &self.mode, y),
@@ -219,14 +197,9 @@ impl Plant {
             }
         }
     }
-
-    /// Pose x, y, yaw: m, m, rad.
-    pub fn pose(&self) -> [f64; 3] {
-        [self.x[0], self.x[1], self.x[YAW]]
-    }
 }
 
-fn wheel_rates(platform: &Platform<f64>, x: &[f64], v: &[f64]) -> Vec<f64> {
+fn wheel_rates<T: Scalar>(platform: &Platform<T>, x: &[T], v: &[T]) -> Vec<T> {
     let n = platform.layout().dof();
     (0..platform.layout().wheels)
         .map(|i| {
@@ -236,40 +209,75 @@ fn wheel_rates(platform: &Platform<f64>, x: &[f64], v: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-fn method<S: Dynamics<f64>>(
-    system: &S,
+/// Rate of the fastest mode of a robot, 1/s, at rest and with its wheels turned.
+fn fastest<T: Scalar>(system: &System<T>, nominal: Platform<f64>, angles: &[f64]) -> f64 {
+    let layout = nominal.layout().clone();
+    let mut states = vec![crate::build::rest_state(&nominal, [0.0; 3], angles)];
+    // A wheel that stands straight may hide what it resists once it is turned.
+    if !layout.constant {
+        for turn in [0.5, 1.2] {
+            let turned: Vec<f64> = angles.iter().map(|angle| angle + turn).collect();
+            states.push(crate::build::rest_state(&nominal, [0.0; 3], &turned));
+        }
+    }
+    let u = vec![0.0; layout.input()];
+    // Wheels taken as turning: friction that sticks is no stiffness.
+    let turning = vec![1.0; layout.wheels];
+    let radius = |radii: &dyn Fn(&[f64]) -> f64| {
+        let radii = states.iter().map(|x| radii(x));
+        radii.fold(0.0, f64::max)
+    };
+    match system {
+        System::Kinematic(_) => {
+            let system = Kinematic::new(nominal).expect("as the one on lanes");
+            radius(&|x| spectral_radius(&system, x, &u, &turning))
+        }
+        System::Rolling(rolling) => {
+            let ground = Ground {
+                gravity: vec2(
+                    rolling.ground().gravity.x.lane(0),
+                    rolling.ground().gravity.y.lane(0),
+                ),
+                gravity_normal: rolling.ground().gravity_normal.lane(0),
+            };
+            let system = Rolling::new(nominal, ground);
+            radius(&|x| spectral_radius(&system, x, &u, &turning))
+        }
+    }
+}
+
+fn method<T: Scalar>(
+    system: &System<T>,
+    nominal: Platform<f64>,
     numerics: Numerics,
-    states: &[Vec<f64>],
-    u: &[f64],
-) -> Result<Method, PlantError> {
+    angles: &[f64],
+) -> Result<Method<T>, PlantError> {
     let Numerics {
         integrator,
         step,
         tolerance,
     } = numerics;
-    let sizes = system.sizes();
-    // Wheels taken as turning: friction that sticks is no stiffness.
-    let turning = vec![1.0; sizes.mode];
-    let radii = states
-        .iter()
-        .map(|x| spectral_radius(system, x, u, &turning));
-    let radius = radii.fold(0.0, f64::max);
-    let stiff = radius * step;
-    let rk4 = || Method::RungeKutta4(RungeKutta4::new(sizes.state, sizes.input));
-    let exponential = || Exponential::new(system, step).map(|m| Method::Exponential(Box::new(m)));
+    let layout = nominal.layout();
+    let rk4 = Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
+    let exponential = || system.exponential(step);
     let adaptive = || {
-        let mut adaptive = Adaptive::new(system, tolerance, 0.1 * tolerance);
+        let mut adaptive = match system {
+            System::Kinematic(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
+            System::Rolling(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
+        };
         adaptive.step_max = step.max(0.01);
         Method::Adaptive(Box::new(adaptive))
     };
+    let radius = fastest(system, nominal, angles);
+    let stiff = radius * step;
     match integrator {
         // At h|λ| = 0.3 the classical method is off by 2e-5 of the fast part in each step; beyond, the
         // exponential one, which is exact there, is the better. Where the geometry changes there is
         // none, and RK4 serves as far as it is stable with some reserve.
-        Integrator::Auto if stiff <= 0.3 => Ok(rk4()),
+        Integrator::Auto if stiff <= 0.3 => Ok(rk4),
         Integrator::Auto => match exponential() {
             Some(exponential) => Ok(exponential),
-            None if stiff <= 2.0 => Ok(rk4()),
+            None if stiff <= 2.0 => Ok(rk4),
             None => Ok(adaptive()),
         },
         Integrator::Exponential => exponential().ok_or_else(|| PlantError {
@@ -288,14 +296,32 @@ fn method<S: Dynamics<f64>>(
                 RungeKutta4::<f64>::STABLE / radius
             ),
         }),
-        Integrator::Rk4 => Ok(rk4()),
+        Integrator::Rk4 => Ok(rk4),
         Integrator::Adaptive => Ok(adaptive()),
     }
 }
 
+impl<T: Scalar> System<T> {
+    fn platform(&self) -> &Platform<T> {
+        match self {
+            System::Kinematic(system) => system.platform(),
+            System::Rolling(system) => system.platform(),
+        }
+    }
+
+    /// The exponential method for a step, s, if the system has a linear part.
+    fn exponential(&self, step: f64) -> Option<Method<T>> {
+        let made = match self {
+            System::Kinematic(s) => Exponential::new(s.as_ref(), step),
+            System::Rolling(s) => Exponential::new(s.as_ref(), step),
+        };
+        made.map(|method| Method::Exponential(Box::new(method)))
+    }
+}
+
 /// Unit of the command of each kind of drive, and its name.
-pub fn command_signal(
-    drive: &appell_model::drive::Drive<f64>,
+pub fn command_signal<T>(
+    drive: &appell_model::drive::Drive<T>,
 ) -> Option<(&'static str, &'static str)> {
     use appell_model::drive::Drive;
     match drive {
@@ -315,7 +341,7 @@ pub fn steering_signal(level: Level) -> (&'static str, &'static str) {
 }
 
 /// Inputs: a command per driven wheel, one per steering motor, then the brake. Outputs: see [`Plant::observe`].
-fn ports(prefix: &str, platform: &Platform<f64>, level: Level) -> (Vec<Port>, Vec<Port>) {
+fn ports<T: Scalar>(prefix: &str, platform: &Platform<T>, level: Level) -> (Vec<Port>, Vec<Port>) {
     let signal = |path: String, unit: &str| Signal {
         path: format!("{prefix}.{path}"),
         unit: unit.to_owned(),
@@ -381,7 +407,7 @@ fn ports(prefix: &str, platform: &Platform<f64>, level: Level) -> (Vec<Port>, Ve
     (inputs, outputs)
 }
 
-impl Block for Plant {
+impl<T: Scalar> Block<T> for Plant<T> {
     fn inputs(&self) -> &[Port] {
         &self.inputs
     }
@@ -390,51 +416,50 @@ impl Block for Plant {
         &self.outputs
     }
 
-    fn step(
-        &mut self,
-        _tick: u64,
-        t: f64,
-        dt: f64,
-        input: &[f64],
-        _output: &mut [f64],
-    ) -> Result<(), BlockError> {
+    fn step(&mut self, now: &Now<'_, T>, input: &[T], _output: &mut [T]) -> Result<(), BlockError> {
         self.take_input(input);
         let (x, mode) = (&mut self.x, &mut self.mode);
         let held = Held(&self.u);
         // Always in steps of the physics, however far the way is: the bits do not depend on it.
         let step = self.step;
-        let count = (dt / step).round() as u64;
+        let count = (now.dt / step).round() as u64;
         match (&self.system, &mut self.method) {
             (System::Kinematic(s), Method::RungeKutta4(m)) => {
-                m.steps(s.as_ref(), &held, t, step, count, x, mode)
+                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
             (System::Rolling(s), Method::RungeKutta4(m)) => {
-                m.steps(s.as_ref(), &held, t, step, count, x, mode)
+                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
             (System::Kinematic(s), Method::Exponential(m)) => {
-                m.steps(s.as_ref(), &held, t, step, count, x, mode)
+                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
             (System::Rolling(s), Method::Exponential(m)) => {
-                m.steps(s.as_ref(), &held, t, step, count, x, mode)
+                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
             (System::Kinematic(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s.as_ref(), &held, (t, step, count), x, mode)?
+                advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?
             }
             (System::Rolling(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s.as_ref(), &held, (t, step, count), x, mode)?;
+                advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?;
             }
         }
-        if x.iter().all(|value| value.is_finite()) {
-            Ok(())
-        } else {
-            Err(BlockError {
-                block: self.name.clone(),
-                problem: format!("the state is no longer finite at t = {} s", t + dt),
-            })
+        let mut finite = T::Mask::splat(true);
+        for value in x.iter() {
+            finite = finite.and(value.is_finite());
         }
+        if finite.all() {
+            return Ok(());
+        }
+        Err(BlockError {
+            block: self.name.clone(),
+            problem: "the state is no longer finite".into(),
+            lanes: (0..T::LANES).fold(0, |bits, lane| {
+                bits | (u32::from(!finite.lane(lane)) << lane)
+            }),
+        })
     }
 
-    fn observe(&mut self, input: &[f64], detail: Detail, output: &mut [f64]) {
+    fn observe(&mut self, input: &[T], detail: Detail, output: &mut [T]) {
         self.take_input(input);
         let (x, u, mode, y) = (&self.x, &self.u, &self.mode, &mut self.y);
         let motion_only = detail == Detail::Motion;
@@ -445,7 +470,7 @@ impl Block for Plant {
         let y = &self.y;
         let layout = self.layout();
         let mut at = 0;
-        let mut put = |value: f64| {
+        let mut put = |value: T| {
             output[at] = value;
             at += 1;
         };
@@ -488,11 +513,11 @@ impl Block for Plant {
         }
         y[3..6].iter().copied().for_each(&mut put);
         let ledger = &self.x[layout.ledger()..layout.ledger() + LEDGER];
-        let [supplied, windings, gears, friction] = ledger else {
+        let &[supplied, windings, gears, friction] = ledger else {
             unreachable!("the ledger has four entries");
         };
         for value in [supplied, windings, gears, friction] {
-            put(*value);
+            put(value);
         }
         // What the ledger does not explain: zero but for the integrator.
         let stored = y[3] + y[4] + y[5] - self.energy_start;
@@ -510,62 +535,117 @@ impl Block for Plant {
             Method::Adaptive(adaptive) => adaptive.next_step(),
             Method::RungeKutta4(_) | Method::Exponential(_) => 0.0,
         };
-        save_numbers(&[step, self.energy_start], bytes);
+        save_numbers(&[T::from(step), self.energy_start], bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
         let mut used = restore_numbers(&mut self.x, bytes)?;
         used += restore_numbers(&mut self.u, &bytes[used..])?;
         used += restore_numbers(&mut self.mode, &bytes[used..])?;
-        let mut rest = [0.0; 2];
+        let mut rest = [T::zero(); 2];
         used += restore_numbers(&mut rest, &bytes[used..])?;
         if let Method::Adaptive(adaptive) = &mut self.method {
-            adaptive.set_next_step(rest[0]);
+            adaptive.set_next_step(rest[0].lane(0));
         }
         self.energy_start = rest[1];
         Some(used)
     }
-}
 
-impl Plant {
-    /// Ports to the model's input vector: the commands in order, then the brake.
-    fn take_input(&mut self, input: &[f64]) {
-        for (k, &at) in self.commands.iter().enumerate() {
-            self.u[at] = input[k];
+    fn any(&self) -> &dyn Any {
+        self
+    }
+
+    fn fits(&self, one: &dyn Any) -> bool {
+        let Some(one) = one.downcast_ref::<Plant<f64>>() else {
+            return false;
+        };
+        let system = match (&self.system, &one.system) {
+            (System::Kinematic(a), System::Kinematic(b)) => a.platform().fits(b.platform()),
+            (System::Rolling(a), System::Rolling(b)) => {
+                let stands = match (a.support(), b.support()) {
+                    (Some(a), Some(b)) => a.has_corners_of(b),
+                    (None, None) => true,
+                    _ => false,
+                };
+                stands && a.ground().fits(b.ground()) && a.platform().fits(b.platform())
+            }
+            _ => false,
+        };
+        // An adaptive step is as long as one trial alone lets it be.
+        let method = matches!(
+            (&self.method, &one.method),
+            (Method::RungeKutta4(_), Method::RungeKutta4(_))
+                | (Method::Exponential(_), Method::Exponential(_))
+        );
+        let ports = self.inputs == one.inputs && self.outputs == one.outputs;
+        system && method && ports && self.step == one.step
+    }
+
+    fn take(&mut self, lane: usize, one: &dyn Any) {
+        let Some(one) = one.downcast_ref::<Plant<f64>>() else {
+            return;
+        };
+        let mut platform = self.system.platform().clone();
+        platform.put(lane, one.system.platform());
+        match (&mut self.system, &one.system) {
+            (System::Rolling(a), System::Rolling(b)) => {
+                let mut ground = *a.ground();
+                ground.put(lane, b.ground());
+                **a = Rolling::new(platform, ground);
+            }
+            (System::Kinematic(a), _) => {
+                **a = Kinematic::new(platform).expect("as each of its lanes");
+            }
+            _ => {}
         }
-        self.u[self.brake] = input[self.commands.len()].clamp(0.0, 1.0);
+        if matches!(self.method, Method::Exponential(_))
+            && let Some(method) = self.system.exponential(self.step)
+        {
+            self.method = method;
+        }
+        self.x.put(lane, &one.x);
+        self.mode.put(lane, &one.mode);
+        self.energy_start.put(lane, &one.energy_start);
     }
 }
 
-fn advance<S: Dynamics<f64>>(
+impl<T: Scalar> Plant<T> {
+    /// Ports to the model's input vector: the commands in order, then the brake.
+    fn take_input(&mut self, input: &[T]) {
+        for (k, &at) in self.commands.iter().enumerate() {
+            self.u[at] = input[k];
+        }
+        let brake = input[self.commands.len()];
+        self.u[self.brake] = brake.max(T::zero()).min(T::one());
+    }
+}
+
+fn advance<T: Scalar, S: Dynamics<T>>(
     name: &str,
-    method: &mut Adaptive<f64>,
+    method: &mut Adaptive<T>,
     system: &S,
-    input: &Held<'_, f64>,
-    (t, step, count): (f64, f64, u64),
-    x: &mut [f64],
-    mode: &mut [f64],
+    input: &Held<'_, T>,
+    (step, count): (f64, u64),
+    x: &mut [T],
+    mode: &mut [T],
 ) -> Result<(), BlockError> {
-    for k in 0..count {
+    for _ in 0..count {
         // Time within the step: small numbers keep event times exact however long the run.
         let result = method.advance(system, input, 0.0, step, x, mode, None);
-        let start = t + k as f64 * step;
         result.map_err(|stalled| BlockError {
             block: name.to_owned(),
             problem: match stalled {
-                Stalled::StepTooSmall(at) => {
-                    format!("the adaptive step vanished at t = {} s", start + at)
-                }
-                Stalled::NotFinite(at) => {
-                    format!("the state is no longer finite at t = {} s", start + at)
-                }
+                Stalled::StepTooSmall(_) => "the adaptive step vanished".into(),
+                Stalled::NotFinite(_) => "the state is no longer finite".into(),
             },
+            lanes: u32::MAX,
         })?;
     }
     Ok(())
 }
 
 /// Speed over ground of a twist, m/s.
-pub fn speed(forward: f64, left: f64) -> f64 {
+#[inline(always)]
+pub fn speed<T: Scalar>(forward: T, left: T) -> T {
     hypot(forward, left)
 }

@@ -1,25 +1,31 @@
 //! A run: a scenario becomes a world, the world steps, recorders listen, and a summary remains.
 
+use std::sync::{Arc, Mutex};
+
+use appell_model::platform::Platform;
+use appell_model::scalar::Scalar;
 use appell_model::wheel::Wheel;
 use serde::{Deserialize, Serialize};
 
 use crate::block::Block;
-use crate::build;
-use crate::controller::{NoiseSource, PathFollower, Signals, Waveform, WheelNoise, read_table};
+use crate::build::{self, Values};
+use crate::controller::{
+    NoiseSource, Signals, Track, Waveform, Waveforms, WheelNoise, path_follower, read_table,
+};
 use crate::drawing::drawing;
 use crate::judge::{Judge, Verdict};
-use crate::layout::Assignment;
+use crate::layout::{Assignment, Goal, Layout};
 use crate::meter::Meter;
-use crate::noise::Stream;
-use crate::plan::{self, Path};
+use crate::noise::{Stream, Streams};
+use crate::plan::{self, Path, PlanError};
 use crate::plant::{Numerics, Plant, Start, command_signal};
-use crate::record::{Header, Recorder};
+use crate::record::{Event, Header, RecordError, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Signal,
     Statistics, Task,
 };
-use crate::servo::Servo;
-use crate::world::{RobotBlocks, SimError, World};
+use crate::servo::servo;
+use crate::world::{Listener, Parts, RobotBlocks, SimError, World};
 
 /// Ticks between two reports of progress.
 const PROGRESS_TICKS: u64 = 1024;
@@ -153,188 +159,283 @@ fn refuse(loaded: &Loaded, path: String, problem: String, hint: String) -> Diagn
     }])
 }
 
+/// What a scenario is built into, before its world is wired.
+pub(crate) struct Assembly<T: Scalar> {
+    pub parts: Parts<T>,
+    pub paths: Vec<Option<Arc<Path>>>,
+    pub assignments: Vec<Option<Assignment>>,
+    pub integrators: Vec<String>,
+}
+
+/// Ways that were planned: trials of a batch mostly share theirs.
+#[derive(Default)]
+pub(crate) struct Plans(Mutex<Vec<Plan>>);
+
+struct Plan {
+    layout: Layout,
+    goal: Goal,
+    path: Arc<Path>,
+    track: Arc<Track>,
+}
+
+/// Most ways that are kept: a batch that varies the arena has a new one for each trial.
+const PLANS_MAX: usize = 16;
+
+impl Plans {
+    fn way(&self, layout: &Layout, goal: &Goal) -> Result<(Arc<Path>, Arc<Track>), PlanError> {
+        let known = |plan: &&Plan| plan.layout == *layout && plan.goal == *goal;
+        let found = |plans: &Vec<Plan>| {
+            let plan = plans.iter().find(known)?;
+            Some((plan.path.clone(), plan.track.clone()))
+        };
+        if let Some(way) = found(&self.0.lock().expect("nothing panics with it")) {
+            return Ok(way);
+        }
+        let path = Arc::new(plan::plan(layout, goal)?);
+        let track = Arc::new(Track::new(&path));
+        let mut plans = self.0.lock().expect("nothing panics with it");
+        if plans.len() < PLANS_MAX {
+            plans.push(Plan {
+                layout: layout.clone(),
+                goal: goal.clone(),
+                path: path.clone(),
+                track: track.clone(),
+            });
+        }
+        Ok((path, track))
+    }
+}
+
+/// Builds the blocks of a checked scenario, for a trial of its seed.
+pub(crate) fn assemble<T: Scalar>(
+    loaded: &Loaded,
+    trial: u64,
+    plans: &Plans,
+    values: &Values<'_, T>,
+) -> Result<Assembly<T>, Diagnostics> {
+    let scenario = &loaded.scenario;
+    let step = scenario.time.step;
+    let ticks = |period: f64| -> u64 { (period / step).round().max(1.0) as u64 };
+    let ground = build::ground_of(&scenario.terrain, values);
+    let key = (scenario.seed, trial);
+    let mut robots = Vec::new();
+    let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
+    for robot in &scenario.robot {
+        let file = robot
+            .platform
+            .as_ref()
+            .expect("a checked scenario has platforms");
+        let platform = build::platform_of(
+            file,
+            build::drive_model(robot),
+            ground.gravity_normal,
+            &format!("robot.{}.platform", robot.name),
+            values,
+        )
+        .expect("a checked platform can be built");
+        let angles = build::start_angles(file);
+        let pose = robot.pose.map(T::from);
+        let start = Start {
+            pose,
+            twist: robot.twist.map(T::from),
+            angles: &angles,
+        };
+        let plant = Plant::new(
+            &robot.name,
+            platform.clone(),
+            ground,
+            robot.level,
+            Numerics {
+                integrator: scenario.time.integrator,
+                step,
+                tolerance: scenario.time.tolerance,
+            },
+            start,
+        )
+        .map_err(|error| {
+            let path = if error.field.contains('.') {
+                error.field.to_owned()
+            } else {
+                format!("robot.{}.{}", robot.name, error.field)
+            };
+            refuse(loaded, path, error.problem, error.hint)
+        })?;
+        integrators.push(plant.integrator());
+        let layout = build::layout(scenario, robot);
+        let assignment = robot
+            .task
+            .as_ref()
+            .map(|task| build::assignment(scenario, robot, task, &loaded.folder))
+            .transpose()
+            .map_err(|fault| {
+                let path = fault.path(&format!("robot.{}.task", robot.name));
+                refuse(loaded, path, fault.problem, fault.hint)
+            })?;
+        let sensors = robot
+            .sensor
+            .iter()
+            .map(|sensor| {
+                let block = crate::sensor::build(
+                    sensor,
+                    &robot.name,
+                    &platform,
+                    &layout.beacons,
+                    pose,
+                    key,
+                    values,
+                );
+                (block, ticks(sensor_period(sensor)))
+            })
+            .collect();
+        let mut controllers: Vec<(Box<dyn Block<T>>, u64)> = Vec::new();
+        let way = match &assignment {
+            None => None,
+            Some(Assignment::Route(route)) => {
+                let path = Arc::new(route.path.clone());
+                let track = Arc::new(Track::new(&path));
+                Some((path, track))
+            }
+            // Only a follower needs a way among the beacons.
+            Some(Assignment::Beacons(goal)) => {
+                let follows = robot.controller.as_ref().and_then(Controller::follower);
+                let planned = follows.map(|_| plans.way(&layout, goal)).transpose();
+                planned.map_err(|error| {
+                    let path = format!("robot.{}.task", robot.name);
+                    let problem = format!("cannot be solved: {}", error.reason);
+                    refuse(loaded, path, problem, error.hint)
+                })?
+            }
+        };
+        let mut judge_period: f64 = 0.01;
+        let command = |wheel: &Wheel<T>| command_port(robot, wheel);
+        let noise = |period: f64| -> Result<_, Diagnostics> {
+            let block = wheel_noise(loaded, robot, &platform, key, values)?;
+            Ok((block, ticks(period)))
+        };
+        match &robot.controller {
+            None => {}
+            Some(
+                Controller::Homing(tuning)
+                | Controller::Gate(tuning)
+                | Controller::Eight(tuning)
+                | Controller::Slalom(tuning)
+                | Controller::Route(tuning),
+            ) => {
+                let (_, track) = way.as_ref().expect("a checked follower has a task");
+                let turns = crate::design::sharpest_curve(file).is_infinite();
+                let follower = path_follower(&robot.name, track, tuning, pose[2], turns, values);
+                controllers.push((Box::new(follower), ticks(tuning.period)));
+                let period = robot.servo.period.unwrap_or(tuning.period);
+                let servo = servo(robot, &platform, period, &command, values);
+                controllers.push((Box::new(servo), ticks(period)));
+                if !robot.wheel_noise.is_empty() {
+                    controllers.push(noise(period)?);
+                }
+                judge_period = judge_period.min(tuning.period);
+            }
+            Some(Controller::Signals { period, channel }) => {
+                let mut twisted = false;
+                let channels = channel
+                    .iter()
+                    .map(|channel| {
+                        twisted |= ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
+                        let waveform = match &channel.signal {
+                            Signal::Table { file, column } => {
+                                let path = format!(
+                                    "robot.{}.controller.channel.{}",
+                                    robot.name, channel.to
+                                );
+                                table(loaded, path, file, column)?
+                            }
+                            formula => Waveform::Formula(formula.clone()),
+                        };
+                        let waveforms = Waveforms::new(waveform, T::LANES);
+                        Ok((channel_port(&channel.to, robot, &platform), waveforms))
+                    })
+                    .collect::<Result<Vec<_>, Diagnostics>>()?;
+                controllers.push((Box::new(Signals::wired(channels)), ticks(*period)));
+                let mut last = *period;
+                if twisted {
+                    let period = robot.servo.period.unwrap_or(*period);
+                    let servo = servo(robot, &platform, period, &command, values);
+                    controllers.push((Box::new(servo), ticks(period)));
+                    last = period;
+                }
+                if !robot.wheel_noise.is_empty() {
+                    controllers.push(noise(last)?);
+                }
+            }
+        }
+        robots.push(RobotBlocks {
+            name: robot.name.clone(),
+            sensors,
+            controllers,
+            plant: Box::new(plant),
+            judge: match &assignment {
+                None => Judge::new(&layout, None),
+                Some(assignment) => Judge::of(&layout, assignment),
+            },
+            layout,
+            has_task: assignment.is_some(),
+            judge_period: ticks(judge_period),
+        });
+        paths.push(way.map(|(path, _)| path));
+        assignments.push(assignment);
+    }
+    Ok(Assembly {
+        parts: Parts {
+            step,
+            end: ticks(scenario.time.duration),
+            record: ticks(scenario.record.period),
+            robots,
+        },
+        paths,
+        assignments,
+        integrators,
+    })
+}
+
 impl Run {
     /// Builds the world of a checked scenario, for a trial of its seed.
     pub fn new(loaded: &Loaded, trial: u64) -> Result<Run, Diagnostics> {
+        Run::planned(loaded, trial, &Plans::default())
+    }
+
+    /// The same with ways that are known already.
+    pub(crate) fn planned(loaded: &Loaded, trial: u64, plans: &Plans) -> Result<Run, Diagnostics> {
         let scenario = &loaded.scenario;
-        let step = scenario.time.step;
-        let ticks = |period: f64| -> u64 { (period / step).round().max(1.0) as u64 };
-        let ground = build::ground(&scenario.terrain);
-        let key = (scenario.seed, trial);
-        let mut robots = Vec::new();
-        let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
-        for robot in &scenario.robot {
-            let file = robot
-                .platform
-                .as_ref()
-                .expect("a checked scenario has platforms");
-            let platform = build::platform(file, build::drive_model(robot), ground.gravity_normal)
-                .expect("a checked platform can be built");
-            let angles = build::start_angles(file);
-            let start = Start {
-                pose: robot.pose,
-                twist: robot.twist,
-                angles: &angles,
-            };
-            let plant = Plant::new(
-                &robot.name,
-                platform.clone(),
-                ground,
-                robot.level,
-                Numerics {
-                    integrator: scenario.time.integrator,
-                    step,
-                    tolerance: scenario.time.tolerance,
-                },
-                start,
-            )
-            .map_err(|error| {
-                let path = if error.field.contains('.') {
-                    error.field.to_owned()
-                } else {
-                    format!("robot.{}.{}", robot.name, error.field)
-                };
-                refuse(loaded, path, error.problem, error.hint)
-            })?;
-            integrators.push(plant.integrator());
-            let layout = build::layout(scenario, robot);
-            let assignment = robot
-                .task
-                .as_ref()
-                .map(|task| build::assignment(scenario, robot, task, &loaded.folder))
-                .transpose()
-                .map_err(|fault| {
-                    let path = fault.path(&format!("robot.{}.task", robot.name));
-                    refuse(loaded, path, fault.problem, fault.hint)
-                })?;
-            let sensors = robot
-                .sensor
-                .iter()
-                .map(|sensor| {
-                    let block = crate::sensor::build(
-                        sensor,
-                        &robot.name,
-                        &platform,
-                        &layout.beacons,
-                        robot.pose,
-                        key,
-                    );
-                    (block, ticks(sensor_period(sensor)))
-                })
-                .collect();
-            let mut controllers: Vec<(Box<dyn Block>, u64)> = Vec::new();
-            let path = match &assignment {
-                None => None,
-                Some(Assignment::Route(route)) => Some(route.path.clone()),
-                // Only a follower needs a way among the beacons.
-                Some(Assignment::Beacons(goal)) => {
-                    let follows = robot.controller.as_ref().and_then(Controller::follower);
-                    let planned = follows.map(|_| plan::plan(&layout, goal)).transpose();
-                    planned.map_err(|error| {
-                        let path = format!("robot.{}.task", robot.name);
-                        let problem = format!("cannot be solved: {}", error.reason);
-                        refuse(loaded, path, problem, error.hint)
-                    })?
-                }
-            };
-            let mut judge_period: f64 = 0.01;
-            let command = |wheel: &Wheel<f64>| command_port(robot, wheel);
-            let noise = |period: f64| -> Result<_, Diagnostics> {
-                Ok((wheel_noise(loaded, robot, &platform, key)?, ticks(period)))
-            };
-            match &robot.controller {
-                None => {}
-                Some(
-                    Controller::Homing(tuning)
-                    | Controller::Gate(tuning)
-                    | Controller::Eight(tuning)
-                    | Controller::Slalom(tuning)
-                    | Controller::Route(tuning),
-                ) => {
-                    let followed = path.clone().expect("a checked follower has a task");
-                    let turns = crate::design::sharpest_curve(file).is_infinite();
-                    let follower =
-                        PathFollower::new(&robot.name, followed, tuning, robot.pose[2], turns);
-                    controllers.push((Box::new(follower), ticks(tuning.period)));
-                    let period = robot.servo.period.unwrap_or(tuning.period);
-                    let servo = Servo::new(robot, &platform, period, &command);
-                    controllers.push((Box::new(servo), ticks(period)));
-                    if !robot.wheel_noise.is_empty() {
-                        controllers.push(noise(period)?);
-                    }
-                    judge_period = judge_period.min(tuning.period);
-                }
-                Some(Controller::Signals { period, channel }) => {
-                    let mut twisted = false;
-                    let channels = channel
-                        .iter()
-                        .map(|channel| {
-                            twisted |=
-                                ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
-                            let waveform = match &channel.signal {
-                                Signal::Table { file, column } => {
-                                    let path = format!(
-                                        "robot.{}.controller.channel.{}",
-                                        robot.name, channel.to
-                                    );
-                                    table(loaded, path, file, column)?
-                                }
-                                formula => Waveform::Formula(formula.clone()),
-                            };
-                            Ok((channel_port(&channel.to, robot, &platform), waveform))
-                        })
-                        .collect::<Result<Vec<_>, Diagnostics>>()?;
-                    controllers.push((Box::new(Signals::new(channels)), ticks(*period)));
-                    let mut last = *period;
-                    if twisted {
-                        let period = robot.servo.period.unwrap_or(*period);
-                        let servo = Servo::new(robot, &platform, period, &command);
-                        controllers.push((Box::new(servo), ticks(period)));
-                        last = period;
-                    }
-                    if !robot.wheel_noise.is_empty() {
-                        controllers.push(noise(last)?);
-                    }
-                }
-            }
-            robots.push(RobotBlocks {
-                name: robot.name.clone(),
-                sensors,
-                controllers,
-                plant: Box::new(plant),
-                judge: match &assignment {
-                    None => Judge::new(&layout, None),
-                    Some(assignment) => Judge::of(&layout, assignment),
-                },
-                layout,
-                has_task: assignment.is_some(),
-                judge_period: ticks(judge_period),
-            });
-            paths.push(path);
-            assignments.push(assignment);
-        }
-        let end = ticks(scenario.time.duration);
-        let world = World::wire(step, end, ticks(scenario.record.period), robots);
+        let assembly = assemble(loaded, trial, plans, &Values::new(&[]))?;
+        let world = World::wire(assembly.parts);
         if let Some(statistics) = &scenario.statistics {
             check_statistics(loaded, statistics, &world)?;
         }
+        let paths: Vec<Option<Path>> = assembly
+            .paths
+            .into_iter()
+            .map(|path| path.map(Arc::unwrap_or_clone))
+            .collect();
         let header = Header {
             scenario: scenario.name.clone(),
             scenario_text: loaded.resolved.clone(),
             hash: hash(&loaded.resolved),
             seed: scenario.seed,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            step,
+            step: scenario.time.step,
             period: scenario.record.period,
             signals: world.signals().to_vec(),
-            extra: drawing(scenario, &paths, &assignments, &integrators),
+            extra: drawing(
+                scenario,
+                &paths,
+                &assembly.assignments,
+                &assembly.integrators,
+            ),
         };
         Ok(Run {
             world,
             header,
             paths,
             scenario: scenario.clone(),
-            integrators,
+            integrators: assembly.integrators,
         })
     }
 
@@ -344,11 +445,15 @@ impl Run {
         recorder: &mut dyn Recorder,
         progress: &mut dyn FnMut(f64),
     ) -> Result<Summary, SimError> {
-        let mut meter = Meter::new(recorder, &self.scenario, &self.header);
-        meter.begin(&self.header)?;
+        recorder.begin(&self.header)?;
+        let mut meter = Meter::new(&self.scenario, &self.header.signals);
         let mut shown = 0;
         let result = loop {
-            match self.world.advance(PROGRESS_TICKS, &mut meter) {
+            let mut listener = Measured {
+                meter: &mut meter,
+                recorder: &mut *recorder,
+            };
+            match self.world.advance_with(PROGRESS_TICKS, &mut listener) {
                 Ok(true) => {}
                 Ok(false) => break Ok(()),
                 Err(error) => break Err(error),
@@ -358,50 +463,82 @@ impl Run {
                 progress(self.world.now());
             }
         };
-        let summary = self.summary(&meter, result.as_ref().err());
-        let text = serde_json::to_value(&summary).expect("a summary is plain data");
-        match result {
-            Ok(()) => {
-                meter.finish(&text)?;
-                Ok(summary)
-            }
-            Err(error @ SimError::Record(_)) => Err(error),
-            // What was recorded until the failure is closed in order.
-            Err(_) => {
-                meter.finish(&text)?;
-                Ok(summary)
-            }
+        if let Err(error @ SimError::Record(_)) = result {
+            return Err(error);
         }
+        let account = Account {
+            scenario: &self.scenario,
+            integrators: &self.integrators,
+            hash: &self.header.hash,
+        };
+        let summary = account.summary(&self.world, &meter, 0, result.as_ref().err());
+        let text = serde_json::to_value(&summary).expect("a summary is plain data");
+        // What was recorded until a failure is closed in order.
+        recorder.finish(&text)?;
+        Ok(summary)
+    }
+}
+
+/// Measures a run on the way to its recorder.
+struct Measured<'a> {
+    meter: &'a mut Meter<f64>,
+    recorder: &'a mut dyn Recorder,
+}
+
+impl Listener<f64> for Measured<'_> {
+    fn frame(&mut self, t: f64, row: &[f64], of: bool) -> Result<(), RecordError> {
+        self.meter.add(t, row, of);
+        self.recorder.frame(t, row)
     }
 
-    fn summary(&self, meter: &Meter<'_>, error: Option<&SimError>) -> Summary {
+    fn event(&mut self, _lane: usize, event: &Event) -> Result<(), RecordError> {
+        self.recorder.event(event)
+    }
+}
+
+/// What a summary tells of besides the world.
+pub(crate) struct Account<'a> {
+    pub scenario: &'a Scenario,
+    pub integrators: &'a [String],
+    pub hash: &'a str,
+}
+
+impl Account<'_> {
+    /// What became of the trial in a lane, which an error may have broken off.
+    pub(crate) fn summary<T: Scalar>(
+        &self,
+        world: &World<T>,
+        meter: &Meter<T>,
+        lane: usize,
+        error: Option<&SimError>,
+    ) -> Summary {
+        let now = world.time(lane);
         let robots: Vec<RobotSummary> = self
             .scenario
             .robot
             .iter()
-            .zip(&self.world.referees)
-            .zip(&self.integrators)
+            .zip(&world.referees)
+            .zip(self.integrators)
             .enumerate()
             .map(|(k, ((robot, referee), integrator))| {
-                let (verdict, reason) = match (referee.has_task, referee.judge.verdict()) {
-                    (_, Verdict::Failed) if referee.has_task => {
-                        (Outcome::Failed, referee.judge.reason())
-                    }
-                    (true, Verdict::Passed) => (Outcome::Passed, referee.judge.reason()),
+                let judge = &referee.judges[lane];
+                let (verdict, reason) = match (referee.has_task, judge.verdict()) {
+                    (_, Verdict::Failed) if referee.has_task => (Outcome::Failed, judge.reason()),
+                    (true, Verdict::Passed) => (Outcome::Passed, judge.reason()),
                     (true, _) => (
                         Outcome::Failed,
                         format!(
                             "time was up after {} s: {}",
                             self.scenario.time.duration,
-                            referee.judge.timeout_reason()
+                            judge.timeout_reason()
                         ),
                     ),
                     (false, _) => (
                         Outcome::Stopped,
-                        format!("ran {:.6} s without a task", self.world.now())
-                            .replace(".000000", ""),
+                        format!("ran {now:.6} s without a task").replace(".000000", ""),
                     ),
                 };
+                let figures = meter.metrics(k, lane, judge, self.scenario, now);
                 RobotSummary {
                     name: robot.name.clone(),
                     verdict,
@@ -410,7 +547,15 @@ impl Run {
                     level: robot.level,
                     drive: drive_name(robot).into(),
                     integrator: integrator.clone(),
-                    metrics: meter.metrics(k, &referee.judge, &self.scenario, self.world.now()),
+                    metrics: figures
+                        .into_iter()
+                        .map(|figure| Metric {
+                            name: figure.name,
+                            value: figure.value.lane(0),
+                            unit: figure.unit,
+                            note: figure.note,
+                        })
+                        .collect(),
                 }
             })
             .collect();
@@ -422,13 +567,13 @@ impl Run {
             verdict,
             reason,
             scenario: self.scenario.name.clone(),
-            hash: self.header.hash.clone(),
+            hash: self.hash.to_owned(),
             seed: self.scenario.seed,
-            version: self.header.version.clone(),
-            duration: self.world.now(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            duration: now,
             error: error.map(ToString::to_string),
             robots,
-            statistics: meter.statistics(&self.scenario),
+            statistics: meter.statistics(lane, self.scenario),
         }
     }
 }
@@ -468,10 +613,10 @@ fn sensor_period(sensor: &Sensor) -> f64 {
     }
 }
 
-fn channel_port(
+fn channel_port<T: Scalar>(
     to: &str,
     robot: &Robot,
-    platform: &appell_model::platform::Platform<f64>,
+    platform: &Platform<T>,
 ) -> crate::signal::Signal {
     let named = |path: String, unit: &str| {
         crate::signal::Signal::new(format!("robot.{}.{path}", robot.name), unit)
@@ -532,7 +677,7 @@ fn table(loaded: &Loaded, path: String, file: &str, column: &str) -> Result<Wave
 
 /// The port to which a wheel's command is written: its drive's, or where noise is added on the way
 /// what is wanted of it.
-fn command_port(robot: &Robot, wheel: &Wheel<f64>) -> crate::signal::Signal {
+fn command_port<T>(robot: &Robot, wheel: &Wheel<T>) -> crate::signal::Signal {
     let (field, unit) = command_signal(&wheel.drive).expect("a driven wheel takes a command");
     let noisy = robot.wheel_noise.iter().any(|n| n.wheel == wheel.name);
     let field = if noisy { "wanted" } else { field };
@@ -541,12 +686,13 @@ fn command_port(robot: &Robot, wheel: &Wheel<f64>) -> crate::signal::Signal {
 }
 
 /// The block that adds noise to a robot's commands.
-fn wheel_noise(
+fn wheel_noise<T: Scalar>(
     loaded: &Loaded,
     robot: &Robot,
-    platform: &appell_model::platform::Platform<f64>,
+    platform: &Platform<T>,
     key: (u64, u64),
-) -> Result<Box<dyn Block>, Diagnostics> {
+    values: &Values<'_, T>,
+) -> Result<Box<dyn Block<T>>, Diagnostics> {
     let mut wheels = Vec::new();
     for noise in &robot.wheel_noise {
         let wheel = platform.wheels().iter().find(|w| w.name == noise.wheel);
@@ -557,21 +703,22 @@ fn wheel_noise(
         let source = match (&noise.file, &noise.column) {
             (Some(file), Some(column)) => {
                 let path = format!("robot.{}.wheel_noise.{}.file", robot.name, noise.wheel);
-                NoiseSource::Given(table(loaded, path, file, column)?)
+                NoiseSource::Given(Waveforms::new(table(loaded, path, file, column)?, T::LANES))
             }
-            _ => NoiseSource::Normal {
-                stream: Stream::new(
-                    key.0,
-                    key.1,
-                    noise.stream.as_ref().unwrap_or(&path("noise")),
-                ),
-                mean: noise.mean,
-                std: noise.std,
-            },
+            _ => {
+                let name = path("noise");
+                let stream = noise.stream.as_ref().unwrap_or(&name);
+                let base = format!("robot.{}.wheel_noise.{}", robot.name, noise.wheel);
+                NoiseSource::Normal {
+                    streams: Streams::new(Stream::new(key.0, key.1, stream)),
+                    mean: values.at(format_args!("{base}.mean"), noise.mean),
+                    std: values.at(format_args!("{base}.std"), noise.std),
+                }
+            }
         };
         wheels.push(([port("wanted"), port(field), port("noise")], source));
     }
-    Ok(Box::new(WheelNoise::new(wheels)))
+    Ok(Box::new(WheelNoise::wired(wheels)))
 }
 
 /// What drives a robot: `rate`, `torque`, `dc-motor` or `none`.

@@ -1,14 +1,17 @@
 //! Sensors: what a robot knows of its pose, its wheels and the beacons.
 
 use appell_model::kinematic::along_arc;
-use appell_model::math::single::{atan2, sin_cos};
+use appell_model::lanewise;
+use appell_model::lanewise::Lanewise;
 use appell_model::math::{hypot, wrap_angle};
 use appell_model::planar::vec2;
 use appell_model::platform::{MAX_WHEELS, Platform, PlatformError};
+use appell_model::scalar::{Mask, Scalar};
 
-use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
+use crate::block::{Block, Kernel, Now, Port, Wired, restore_numbers, save_numbers};
+use crate::build::Values;
 use crate::layout::Beacon;
-use crate::noise::Stream;
+use crate::noise::{Stream, Streams};
 use crate::scenario::{OdometryMethod, Sensor};
 use crate::signal::Signal;
 
@@ -20,34 +23,29 @@ fn port(path: String, unit: &str) -> Port {
 }
 
 /// Builds the block of a sensor of robot `name`.
-pub fn build(
+pub fn build<T: Scalar>(
     sensor: &Sensor,
     name: &str,
-    platform: &Platform<f64>,
+    platform: &Platform<T>,
     beacons: &[Beacon],
-    start: [f64; 3],
+    start: [T; 3],
     key: (u64, u64),
-) -> Box<dyn Block> {
+    values: &Values<'_, T>,
+) -> Box<dyn Block<T>> {
     let robot = format!("robot.{name}");
-    let stream = |path: &str| Stream::new(key.0, key.1, path);
+    let streams = |path: &str| Streams::new(Stream::new(key.0, key.1, path));
     let pose = || -> Vec<Port> {
         [("x", "m"), ("y", "m"), ("yaw", "rad")]
             .map(|(axis, unit)| port(format!("{robot}.pose.{axis}"), unit))
             .to_vec()
     };
-    let driven: Vec<usize> = (0..platform.wheels().len())
-        .filter(|&i| crate::plant::command_signal(&platform.wheels()[i].drive).is_some())
+    let wheels = platform.wheels();
+    let driven: Vec<usize> = (0..wheels.len())
+        .filter(|&i| crate::plant::command_signal(&wheels[i].drive).is_some())
         .collect();
     let angles = || -> Vec<Port> {
-        driven
-            .iter()
-            .map(|&i| {
-                port(
-                    format!("{robot}.wheel.{}.spin_angle", platform.wheels()[i].name),
-                    "rad",
-                )
-            })
-            .collect()
+        let path = |&i: &usize| format!("{robot}.wheel.{}.spin_angle", wheels[i].name);
+        driven.iter().map(|i| port(path(i), "rad")).collect()
     };
     match sensor {
         Sensor::Pose {
@@ -58,34 +56,28 @@ pub fn build(
             let outputs: Vec<Port> = [("x", "m"), ("y", "m"), ("yaw", "rad")]
                 .map(|(axis, unit)| port(format!("{robot}.sensor.pose.{axis}"), unit))
                 .to_vec();
-            Box::new(PoseSensor {
-                streams: outputs.iter().map(|p| stream(&p.path)).collect(),
-                inputs: pose(),
-                outputs,
-                std: [*position_std, *position_std, *yaw_std],
-            })
+            let at =
+                |key: &str, value: f64| values.at(format_args!("{robot}.sensor.pose.{key}"), value);
+            let position = at("position_std", *position_std);
+            let kernel = PoseSensor {
+                streams: outputs.iter().map(|p| streams(&p.path)).collect(),
+                std: [position, position, at("yaw_std", *yaw_std)],
+            };
+            Box::new(Wired::new(pose(), outputs, kernel))
         }
         Sensor::Encoder {
             resolution,
             angle_std,
             ..
         } => {
-            let outputs: Vec<Port> = driven
-                .iter()
-                .map(|&i| {
-                    port(
-                        format!("{robot}.sensor.encoder.{}", platform.wheels()[i].name),
-                        "rad",
-                    )
-                })
-                .collect();
-            Box::new(Encoder {
-                streams: outputs.iter().map(|p| stream(&p.path)).collect(),
-                inputs: angles(),
-                outputs,
+            let path = |&i: &usize| format!("{robot}.sensor.encoder.{}", wheels[i].name);
+            let outputs: Vec<Port> = driven.iter().map(|i| port(path(i), "rad")).collect();
+            let kernel = Encoder {
+                streams: outputs.iter().map(|p| streams(&p.path)).collect(),
                 resolution: *resolution,
-                std: *angle_std,
-            })
+                std: values.at(format_args!("{robot}.sensor.encoder.angle_std"), *angle_std),
+            };
+            Box::new(Wired::new(angles(), outputs, kernel))
         }
         Sensor::Odometry {
             name,
@@ -112,33 +104,36 @@ pub fn build(
                 }
                 outputs.push(port(format!("{base}.error.distance"), "m"));
             }
-            let streams = driven
-                .iter()
-                .map(|&i| stream(&format!("{base}.{}", platform.wheels()[i].name)))
-                .collect();
-            let reckoning = |method: OdometryMethod, scales: [f64; 2]| Reckoning {
+            let at = |key: &str, value: f64| values.at(format_args!("{base}.{key}"), value);
+            let reckoning = |method: OdometryMethod, scales: [T; 2]| Reckoning {
                 gain: twist_from_rates(platform, &driven, scales[0], scales[1]),
                 method,
                 pose: start,
             };
-            let believed = [*radius_scale, *track_scale];
-            Box::new(Odometry {
-                inputs,
-                outputs,
-                streams,
+            let believed = [
+                at("radius_scale", *radius_scale),
+                at("track_scale", *track_scale),
+            ];
+            let still = vec![T::zero(); driven.len()];
+            let kernel = Odometry {
+                streams: driven
+                    .iter()
+                    .map(|&i| streams(&format!("{base}.{}", wheels[i].name)))
+                    .collect(),
                 resolution: *resolution,
-                std: *angle_std,
-                readings: vec![0.0; driven.len()],
+                std: at("angle_std", *angle_std),
+                readings: still.clone(),
                 believed: reckoning(*method, believed),
                 causes: causes.then(|| Causes {
-                    angles: vec![0.0; driven.len()],
+                    angles: still,
                     chain: [
-                        reckoning(OdometryMethod::Arc, [1.0; 2]),
-                        reckoning(*method, [1.0; 2]),
+                        reckoning(OdometryMethod::Arc, [T::one(); 2]),
+                        reckoning(*method, [T::one(); 2]),
                         reckoning(*method, believed),
                     ],
                 }),
-            })
+            };
+            Box::new(Wired::new(inputs, outputs, kernel))
         }
         Sensor::Motion {
             straight_radius,
@@ -153,15 +148,14 @@ pub fn build(
                 ("radius", "m"),
                 ("center.x", "m"),
                 ("center.y", "m"),
-            ];
-            Box::new(MotionSensor {
-                inputs,
-                outputs: outputs
-                    .map(|(what, unit)| port(format!("{robot}.sensor.motion.{what}"), unit))
-                    .to_vec(),
-                radii: [*straight_radius, *spot_radius],
-                last: [0.0, 0.0, start[0], start[1]],
-            })
+            ]
+            .map(|(what, unit)| port(format!("{robot}.sensor.motion.{what}"), unit))
+            .to_vec();
+            let kernel = MotionSensor {
+                radii: [T::from(*straight_radius), T::from(*spot_radius)],
+                last: [T::zero(), T::zero(), start[0], start[1]],
+            };
+            Box::new(Wired::new(inputs, outputs, kernel))
         }
         Sensor::RangeBearing {
             range_max,
@@ -177,19 +171,18 @@ pub fn build(
                 outputs.push(port(format!("{base}.bearing"), "rad"));
                 outputs.push(port(format!("{base}.visible"), "1"));
             }
-            Box::new(RangeBearing {
+            let kernel = RangeBearing {
                 streams: beacons
                     .iter()
-                    .map(|b| stream(&format!("{robot}.sensor.beacon.{}", b.name)))
+                    .map(|b| streams(&format!("{robot}.sensor.beacon.{}", b.name)))
                     .collect(),
-                inputs: pose(),
-                outputs,
-                beacons: beacons.iter().map(|b| b.position).collect(),
-                range_max: *range_max,
-                half_view: 0.5 * view_deg.to_radians(),
-                std: [*range_std, *bearing_std],
-                last: vec![[0.0; 2]; beacons.len()],
-            })
+                beacons: beacons.iter().map(|b| b.position.map(T::from)).collect(),
+                range_max: T::from(*range_max),
+                half_view: T::from(0.5 * view_deg.to_radians()),
+                std: [T::from(*range_std), T::from(*bearing_std)],
+                last: vec![[T::zero(); 2]; beacons.len()],
+            };
+            Box::new(Wired::new(pose(), outputs, kernel))
         }
     }
 }
@@ -198,11 +191,11 @@ pub fn build(
 ///
 /// # Errors
 /// Its wheels may be locked: axles that met in one point need not do so any more.
-pub fn believed(
-    platform: &Platform<f64>,
-    radius_scale: f64,
-    track_scale: f64,
-) -> Result<Platform<f64>, PlatformError> {
+pub fn believed<T: Scalar>(
+    platform: &Platform<T>,
+    radius_scale: T,
+    track_scale: T,
+) -> Result<Platform<T>, PlatformError> {
     let mut wheels = platform.wheels().to_vec();
     for wheel in &mut wheels {
         wheel.radius *= radius_scale;
@@ -213,24 +206,24 @@ pub fn believed(
 
 /// Rows (forward, left, yaw rate) over the driven wheels' rates: least squares, `[eq:kinematic]`,
 /// for wheels believed larger by `radius_scale` and a track believed wider by `track_scale`.
-fn twist_from_rates(
-    platform: &Platform<f64>,
+fn twist_from_rates<T: Scalar>(
+    platform: &Platform<T>,
     driven: &[usize],
-    radius_scale: f64,
-    track_scale: f64,
-) -> [Vec<f64>; 3] {
+    radius_scale: T,
+    track_scale: T,
+) -> [Vec<T>; 3] {
     use appell_model::solve::{MAX_DOF, add_outer, invert, product, zero_row};
     let believed = believed(platform, radius_scale, track_scale)
         .expect("a checked odometry believes in a platform that can move");
     let n = believed.layout().dof();
-    let x = crate::build::rest_state(&believed, [0.0; 3], &[]);
+    let x = crate::build::rest_state(&believed, [T::zero(); 3], &[]);
     let rows: Vec<_> = driven
         .iter()
         .map(|&i| believed.spin_row(i, &believed.wheel_frame(i, &x)))
         .collect();
-    let mut normal = [zero_row::<f64>(); MAX_DOF];
+    let mut normal = [zero_row::<T>(); MAX_DOF];
     for row in &rows {
-        add_outer(n, &mut normal, 1.0, row, row);
+        add_outer(n, &mut normal, T::one(), row, row);
     }
     let inverse = invert(n, &normal);
     let mut gain = [const { Vec::new() }; 3];
@@ -244,103 +237,114 @@ fn twist_from_rates(
     gain
 }
 
-fn rounded(angle: f64, resolution: u32) -> f64 {
+#[inline(always)]
+fn rounded<T: Scalar>(angle: T, resolution: u32) -> T {
     if resolution == 0 {
         return angle;
     }
-    let step = std::f64::consts::TAU / f64::from(resolution);
+    let step = T::from(std::f64::consts::TAU / f64::from(resolution));
     (angle / step).floor() * step
 }
 
-struct PoseSensor {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    streams: Vec<Stream>,
-    std: [f64; 3],
+/// Whether a standard deviation adds anything in any lane.
+#[inline(always)]
+fn is_noisy<T: Scalar>(std: T) -> bool {
+    T::zero().less(std).any()
 }
 
-impl Block for PoseSensor {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-    fn step(
-        &mut self,
-        tick: u64,
-        _t: f64,
-        _dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
+struct PoseSensor<T> {
+    streams: Vec<Streams>,
+    std: [T; 3],
+}
+
+lanewise!(PoseSensor { streams, std });
+
+impl<T: Scalar> Kernel<T> for PoseSensor<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
         for k in 0..3 {
             output[k] = input[k];
-            if self.std[k] > 0.0 {
-                output[k] += self.std[k] * self.streams[k].normals(tick)[0];
+            if is_noisy(self.std[k]) {
+                output[k] += self.std[k] * self.streams[k].normals::<T>(now.ticks)[0];
             }
         }
-        Ok(())
     }
 }
 
-struct Encoder {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    streams: Vec<Stream>,
+struct Encoder<T> {
+    streams: Vec<Streams>,
     resolution: u32,
-    std: f64,
+    std: T,
 }
 
-impl Block for Encoder {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-    fn step(
-        &mut self,
-        tick: u64,
-        _t: f64,
-        _dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
-        for (k, stream) in self.streams.iter().enumerate() {
+lanewise!(Encoder {
+    streams,
+    resolution,
+    std
+});
+
+impl<T: Scalar> Kernel<T> for Encoder<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
+        for k in 0..self.streams.len() {
             let mut angle = input[k];
-            if self.std > 0.0 {
-                angle += self.std * stream.normals(tick)[0];
+            if is_noisy(self.std) {
+                angle += self.std * self.streams[k].normals::<T>(now.ticks)[0];
             }
             output[k] = rounded(angle, self.resolution);
         }
-        Ok(())
     }
 }
 
-/// A pose summed from the turning of wheels. `[eq:odometry]`
-struct Reckoning {
-    gain: [Vec<f64>; 3],
-    method: OdometryMethod,
-    pose: [f64; 3],
+impl Lanewise for OdometryMethod {
+    type One = OdometryMethod;
+
+    fn fits(&self, one: &OdometryMethod) -> bool {
+        self == one
+    }
+
+    fn put(&mut self, _lane: usize, _one: &OdometryMethod) {}
 }
 
-impl Reckoning {
+/// A pose summed from the turning of wheels. `[eq:odometry]`
+struct Reckoning<T> {
+    gain: [Vec<T>; 3],
+    method: OdometryMethod,
+    pose: [T; 3],
+}
+
+impl<T: Scalar> Lanewise for Reckoning<T> {
+    type One = Reckoning<f64>;
+
+    fn fits(&self, one: &Reckoning<f64>) -> bool {
+        // The gains are zero or not by the geometry, and the start of a pose is of no account.
+        self.method == one.method && self.gain[0].len() == one.gain[0].len()
+    }
+
+    fn put(&mut self, lane: usize, one: &Reckoning<f64>) {
+        self.gain.put(lane, &one.gain);
+        self.pose.put(lane, &one.pose);
+    }
+}
+
+impl<T: Scalar> Reckoning<T> {
     /// Adds the way of a period in which the wheels turned by these angles, rad.
-    fn add(&mut self, turned: &[f64]) {
-        let mut moved = [0.0; 3];
-        for (sum, gain) in moved.iter_mut().zip(&self.gain) {
-            for (gain, turned) in gain.iter().zip(turned) {
-                *sum += gain * turned;
+    #[inline(always)]
+    fn add(&mut self, turned: &[T]) {
+        let mut moved = [T::zero(); 3];
+        for axis in 0..3 {
+            let gain = &self.gain[axis];
+            for k in 0..turned.len() {
+                moved[axis] += gain[k] * turned[k];
             }
         }
         let way = vec2(moved[0], moved[1]);
-        let (yaw_sin, yaw_cos) = sin_cos(self.pose[2]);
+        let (yaw_sin, yaw_cos) = self.pose[2].sin_cos();
         let step = match self.method {
             OdometryMethod::Unrotated => way,
             OdometryMethod::Euler => way.rotated(yaw_cos, yaw_sin),
             OdometryMethod::Arc => {
-                let half = sin_cos(0.5 * moved[2]);
+                let half = (T::from(0.5) * moved[2]).sin_cos();
                 along_arc(way, moved[2], half).rotated(yaw_cos, yaw_sin)
             }
         };
@@ -351,85 +355,89 @@ impl Reckoning {
 }
 
 /// Dead reckoning between two readings.
-struct Odometry {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    streams: Vec<Stream>,
+struct Odometry<T> {
+    streams: Vec<Streams>,
     resolution: u32,
-    std: f64,
+    std: T,
     /// Last reading of each wheel, rad.
-    readings: Vec<f64>,
-    believed: Reckoning,
-    causes: Option<Causes>,
+    readings: Vec<T>,
+    believed: Reckoning<T>,
+    causes: Option<Causes<T>>,
 }
 
 /// Odometries that lack one cause of error after the other; the differences between neighbors are
 /// the parts of the error.
-struct Causes {
+struct Causes<T> {
     /// Last angle of each wheel, rad.
-    angles: Vec<f64>,
+    angles: Vec<T>,
     /// From exact angles: with the true geometry along arcs, with the method, with the believed
     /// geometry, too.
-    chain: [Reckoning; 3],
+    chain: [Reckoning<T>; 3],
 }
+
+lanewise!(Odometry {
+    streams,
+    resolution,
+    std,
+    readings,
+    believed,
+    causes
+});
+lanewise!(Causes { angles, chain });
 
 /// Causes of an odometry's error, in the order in which they come in.
 pub(crate) const CAUSES: [&str; 4] = ["slip", "method", "geometry", "encoder"];
 
-impl Block for Odometry {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-    fn step(
-        &mut self,
-        tick: u64,
-        _t: f64,
-        _dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
+impl<T: Scalar> Kernel<T> for Odometry<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
         let count = self.streams.len();
-        let mut turned = [0.0; MAX_WHEELS];
-        for (k, stream) in self.streams.iter().enumerate() {
+        let mut turned = [T::zero(); MAX_WHEELS];
+        // The first reading is what the others are counted from.
+        let begun = T::Mask::from_lanes(|lane| now.ticks[lane] > 0);
+        for k in 0..count {
             let mut angle = input[k];
-            if self.std > 0.0 && tick > 0 {
-                angle += self.std * stream.normals(tick)[0];
+            if is_noisy(self.std) && begun.any() {
+                let noise = self.std * self.streams[k].normals::<T>(now.ticks)[0];
+                angle = T::select(begun, angle + noise, angle);
             }
             let angle = rounded(angle, self.resolution);
             turned[k] = angle - self.readings[k];
             self.readings[k] = angle;
         }
         self.believed.add(&turned[..count]);
-        output[..3].copy_from_slice(&self.believed.pose);
+        for axis in 0..3 {
+            output[axis] = self.believed.pose[axis];
+        }
         let Some(causes) = &mut self.causes else {
-            return Ok(());
+            return;
         };
-        for (k, last) in causes.angles.iter_mut().enumerate() {
-            turned[k] = input[k] - *last;
-            *last = input[k];
+        for k in 0..count {
+            turned[k] = input[k] - causes.angles[k];
+            causes.angles[k] = input[k];
         }
         let mut before = [input[count], input[count + 1], input[count + 2]];
         let total = hypot(
             self.believed.pose[0] - before[0],
             self.believed.pose[1] - before[1],
         );
-        for reckoning in &mut causes.chain {
-            reckoning.add(&turned[..count]);
-        }
-        let after = causes.chain.iter().chain(std::iter::once(&self.believed));
-        for (part, reckoning) in output[3..].chunks_exact_mut(4).zip(after) {
+        for part in 0..CAUSES.len() {
+            let after = if part < 3 {
+                causes.chain[part].add(&turned[..count]);
+                causes.chain[part].pose
+            } else {
+                self.believed.pose
+            };
+            let at = 3 + 4 * part;
             for axis in 0..3 {
-                part[axis] = reckoning.pose[axis] - before[axis];
+                output[at + axis] = after[axis] - before[axis];
             }
-            part[3] = hypot(part[0], part[1]);
-            before = reckoning.pose;
+            output[at + 3] = hypot(output[at], output[at + 1]);
+            before = after;
         }
         output[3 + 4 * CAUSES.len()] = total;
-        Ok(())
     }
+
     fn save(&self, bytes: &mut Vec<u8>) {
         save_numbers(&self.readings, bytes);
         save_numbers(&self.believed.pose, bytes);
@@ -440,6 +448,7 @@ impl Block for Odometry {
             }
         }
     }
+
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
         let mut used = restore_numbers(&mut self.readings, bytes)?;
         used += restore_numbers(&mut self.believed.pose, bytes.get(used..)?)?;
@@ -454,119 +463,122 @@ impl Block for Odometry {
 }
 
 /// What kind of motion this is, and about which point. `[eq:rotation-center]`
-struct MotionSensor {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
+struct MotionSensor<T> {
     /// Radius beyond which motion counts as straight, and below which as turning on the spot, m.
-    radii: [f64; 2],
+    radii: [T; 2],
     /// Regime, radius, center: what stays while the robot stands.
-    last: [f64; 4],
+    last: [T; 4],
+}
+
+impl<T: Scalar> Lanewise for MotionSensor<T> {
+    type One = MotionSensor<f64>;
+
+    fn fits(&self, _one: &MotionSensor<f64>) -> bool {
+        true
+    }
+
+    fn put(&mut self, lane: usize, one: &MotionSensor<f64>) {
+        self.radii.put(lane, &one.radii);
+        self.last.put(lane, &one.last);
+    }
 }
 
 /// Speed, m/s, and yaw rate, rad/s, below which a robot stands.
 const STANDS: f64 = 1e-6;
 
-impl Block for MotionSensor {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-    fn step(
-        &mut self,
-        _tick: u64,
-        _t: f64,
-        _dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
+impl<T: Scalar> Kernel<T> for MotionSensor<T> {
+    #[inline(always)]
+    fn act(&mut self, _now: &Now<'_, T>, input: &[T], output: &mut [T]) {
         let [straight, spot] = self.radii;
         let velocity = vec2(input[3], input[4]);
         let (speed, turn) = (hypot(velocity.x, velocity.y), input[5]);
-        if speed < STANDS && turn.abs() < STANDS {
-            self.last[0] = 0.0;
-            output.copy_from_slice(&self.last);
-            return Ok(());
-        }
+        let limit = T::from(STANDS);
+        let stands = speed.less(limit).and(turn.abs().less(limit));
         // Beyond the limit, the center stands at it.
-        let is_straight = speed > straight * turn.abs();
-        let radius = if is_straight {
-            straight.copysign(turn)
-        } else {
-            speed / turn
-        };
-        let regime = if is_straight {
-            1.0
-        } else if radius.abs() > spot {
-            2.0
-        } else {
-            3.0
-        };
+        let is_straight = (straight * turn.abs()).less(speed);
+        let bent = T::select(is_straight, T::one(), turn);
+        let radius = T::select(is_straight, straight.copysign(turn), speed / bent);
+        let is_arc = spot.less(radius.abs());
+        let regime = T::select(is_arc, T::from(2.0), T::from(3.0));
+        let regime = T::select(is_straight, T::one(), regime);
         // The center lies to the left of the motion, for a positive radius.
-        let scale = radius / speed.max(f64::MIN_POSITIVE);
-        let (sin, cos) = sin_cos(input[2]);
+        let scale = radius / speed.max(T::from(f64::MIN_POSITIVE));
+        let (sin, cos) = input[2].sin_cos();
         let arm = (velocity.perpendicular() * scale).rotated(cos, sin);
-        self.last = [regime, radius, input[0] + arm.x, input[1] + arm.y];
-        output.copy_from_slice(&self.last);
-        Ok(())
+        let moving = [regime, radius, input[0] + arm.x, input[1] + arm.y];
+        let standing = [T::zero(), self.last[1], self.last[2], self.last[3]];
+        for k in 0..4 {
+            self.last[k] = T::select(stands, standing[k], moving[k]);
+            output[k] = self.last[k];
+        }
     }
+
     fn save(&self, bytes: &mut Vec<u8>) {
         save_numbers(&self.last, bytes);
     }
+
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
         restore_numbers(&mut self.last, bytes)
     }
 }
 
-struct RangeBearing {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    streams: Vec<Stream>,
-    beacons: Vec<[f64; 2]>,
-    range_max: f64,
-    half_view: f64,
-    std: [f64; 2],
+struct RangeBearing<T> {
+    streams: Vec<Streams>,
+    beacons: Vec<[T; 2]>,
+    range_max: T,
+    half_view: T,
+    std: [T; 2],
     /// Last reading of each beacon: what stays on the port while it is not seen.
-    last: Vec<[f64; 2]>,
+    last: Vec<[T; 2]>,
 }
 
-impl Block for RangeBearing {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
+impl<T: Scalar> Lanewise for RangeBearing<T> {
+    type One = RangeBearing<f64>;
+
+    fn fits(&self, one: &RangeBearing<f64>) -> bool {
+        self.beacons.len() == one.beacons.len()
     }
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
+
+    fn put(&mut self, lane: usize, one: &RangeBearing<f64>) {
+        self.streams.put(lane, &one.streams);
+        self.beacons.put(lane, &one.beacons);
+        self.range_max.put(lane, &one.range_max);
+        self.half_view.put(lane, &one.half_view);
+        self.std.put(lane, &one.std);
+        self.last.put(lane, &one.last);
     }
-    fn step(
-        &mut self,
-        tick: u64,
-        _t: f64,
-        _dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
-        for (k, beacon) in self.beacons.iter().enumerate() {
+}
+
+impl<T: Scalar> Kernel<T> for RangeBearing<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
+        for k in 0..self.beacons.len() {
+            let beacon = self.beacons[k];
             let (dx, dy) = (beacon[0] - input[0], beacon[1] - input[1]);
             let range = hypot(dx, dy);
-            let bearing = wrap_angle(atan2(dy, dx) - input[2]);
-            let visible = range <= self.range_max && bearing.abs() <= self.half_view;
-            if visible {
-                let [first, second] = self.streams[k].normals(tick);
-                self.last[k] = [
-                    (range + self.std[0] * first).max(0.0),
+            let bearing = wrap_angle(dy.atan2(dx) - input[2]);
+            let near = range.less_equal(self.range_max);
+            let visible = near.and(bearing.abs().less_equal(self.half_view));
+            if visible.any() {
+                let [first, second] = self.streams[k].normals::<T>(now.ticks);
+                let measured = [
+                    (range + self.std[0] * first).max(T::zero()),
                     wrap_angle(bearing + self.std[1] * second),
                 ];
+                for of in 0..2 {
+                    self.last[k][of] = T::select(visible, measured[of], self.last[k][of]);
+                }
             }
             output[3 * k] = self.last[k][0];
             output[3 * k + 1] = self.last[k][1];
-            output[3 * k + 2] = f64::from(u8::from(visible));
+            output[3 * k + 2] = T::select(visible, T::one(), T::zero());
         }
-        Ok(())
     }
+
     fn save(&self, bytes: &mut Vec<u8>) {
         self.last.iter().for_each(|pair| save_numbers(pair, bytes));
     }
+
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
         let mut used = 0;
         for pair in &mut self.last {

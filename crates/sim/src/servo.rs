@@ -7,168 +7,200 @@
 mod steering;
 
 use appell_model::drive::Drive;
+
+use appell_model::lanewise::Lanewise;
 use appell_model::planar::vec2;
 use appell_model::platform::{MAX_WHEELS, Platform};
+use appell_model::scalar::{Mask, Scalar};
 use appell_model::solve::{
     MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row,
 };
 use appell_model::wheel::Wheel;
 
-use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
+use crate::block::{Kernel, Now, Port, Wired, restore_numbers, save_numbers};
+use crate::build::Values;
 use crate::scenario;
 use crate::signal::Signal;
 
 use steering::Steering;
 
 /// The cascade of one robot.
-pub struct Servo {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    axles: Vec<Axle>,
-    integral_time: f64,
+pub struct Servo<T: Scalar> {
+    axles: Vec<Axle<T>>,
+    integral_time: T,
     /// Feedback of rate (1) and angle (1/s) for ideal rate sources.
-    feedback: Option<[f64; 2]>,
+    feedback: Option<[T; 2]>,
     /// What turns steered wheels, if there are any.
-    steering: Option<Steering>,
+    steering: Option<Steering<T>>,
     /// Per axle: last reference, rad/s, then the integral of the torque, N·m, or of the reference,
     /// rad; then whether it has run; then the wanted angle of each steered wheel, rad.
-    state: Vec<f64>,
+    state: Vec<T>,
 }
 
 /// One driven wheel as the servo knows it.
-struct Axle {
+struct Axle<T> {
     /// Rate per twist component (forward, left, yaw rate).
-    rate: [f64; 3],
+    rate: [T; 3],
     /// Torque per acceleration of each axle's reference, kg·m².
-    inertia: Vec<f64>,
-    viscous: f64,
+    inertia: Vec<T>,
+    viscous: T,
     /// Gain of the rate error, N·m·s/rad.
-    gain: f64,
-    drive: Drive<f64>,
-    rate_max: f64,
+    gain: T,
+    drive: Drive<T>,
+    rate_max: T,
 }
 
-impl Servo {
-    /// Derives gains from the platform: a wheel-rate loop of the given bandwidth (rad/s).
-    /// Commands go to the ports that `to` names.
-    pub fn new(
-        robot: &scenario::Robot,
-        platform: &Platform<f64>,
-        period: f64,
-        to: &dyn Fn(&Wheel<f64>) -> Port,
-    ) -> Servo {
-        let (file, level) = (&robot.servo, robot.level);
-        let name = format!("robot.{}", robot.name);
-        let wheels = platform.wheels();
-        let driven = driven(platform);
-        let port = |path: String, unit: &str| Signal {
-            path: format!("{name}.{path}"),
-            unit: unit.to_owned(),
-        };
-        let mut inputs = vec![
-            port("command.forward".into(), "m/s"),
-            port("command.left".into(), "m/s"),
-            port("command.yaw_rate".into(), "rad/s"),
-        ];
-        let mut outputs = Vec::new();
+impl<T: Scalar> Lanewise for Axle<T> {
+    type One = Axle<f64>;
+
+    fn fits(&self, one: &Axle<f64>) -> bool {
+        self.inertia.len() == one.inertia.len() && self.drive.fits(&one.drive)
+    }
+
+    fn put(&mut self, lane: usize, one: &Axle<f64>) {
+        self.rate.put(lane, &one.rate);
+        self.inertia.put(lane, &one.inertia);
+        self.viscous.put(lane, &one.viscous);
+        self.gain.put(lane, &one.gain);
+        self.drive.put(lane, &one.drive);
+        self.rate_max.put(lane, &one.rate_max);
+    }
+}
+
+impl<T: Scalar> Lanewise for Servo<T> {
+    type One = Servo<f64>;
+
+    fn fits(&self, one: &Servo<f64>) -> bool {
+        self.axles.fits(&one.axles)
+            && self.feedback.is_some() == one.feedback.is_some()
+            && self.steering.fits(&one.steering)
+            && self.state.len() == one.state.len()
+    }
+
+    fn put(&mut self, lane: usize, one: &Servo<f64>) {
+        self.axles.put(lane, &one.axles);
+        self.integral_time.put(lane, &one.integral_time);
+        self.feedback.put(lane, &one.feedback);
+        self.steering.put(lane, &one.steering);
+        self.state.put(lane, &one.state);
+    }
+}
+
+/// The servo of a robot, with gains derived from its platform: a wheel-rate loop of the given bandwidth
+/// (rad/s). Commands go to the ports that `to` names.
+pub fn servo<T: Scalar>(
+    robot: &scenario::Robot,
+    platform: &Platform<T>,
+    period: f64,
+    to: &dyn Fn(&Wheel<T>) -> Port,
+    values: &Values<'_, T>,
+) -> Wired<Servo<T>> {
+    let (file, level) = (&robot.servo, robot.level);
+    let name = format!("robot.{}", robot.name);
+    let wheels = platform.wheels();
+    let driven = driven(platform);
+    let port = |path: String, unit: &str| Signal {
+        path: format!("{name}.{path}"),
+        unit: unit.to_owned(),
+    };
+    let at = |key: &str, value: f64| values.at(format_args!("{name}.servo.{key}"), value);
+    let mut inputs = vec![
+        port("command.forward".into(), "m/s"),
+        port("command.left".into(), "m/s"),
+        port("command.yaw_rate".into(), "rad/s"),
+    ];
+    let mut outputs = Vec::new();
+    for &i in &driven {
+        inputs.push(port(format!("wheel.{}.spin_rate", wheels[i].name), "rad/s"));
+        outputs.push(to(&wheels[i]));
+    }
+    let feedback = (file.rate_feedback > 0.0 || file.angle_feedback > 0.0).then(|| {
+        [
+            at("rate_feedback", file.rate_feedback),
+            at("angle_feedback", file.angle_feedback),
+        ]
+    });
+    if feedback.is_some() {
         for &i in &driven {
-            inputs.push(port(format!("wheel.{}.spin_rate", wheels[i].name), "rad/s"));
-            outputs.push(to(&wheels[i]));
-        }
-        let feedback = (file.rate_feedback > 0.0 || file.angle_feedback > 0.0)
-            .then_some([file.rate_feedback, file.angle_feedback]);
-        if feedback.is_some() {
-            for &i in &driven {
-                inputs.push(port(format!("wheel.{}.spin_angle", wheels[i].name), "rad"));
-            }
-        }
-
-        let leads = platform.layout().steered.clone();
-        for &i in &leads {
-            let wheel = &wheels[i].name;
-            inputs.push(port(format!("wheel.{wheel}.steering_angle"), "rad"));
-            inputs.push(port(format!("wheel.{wheel}.steering_rate"), "rad/s"));
-            let (field, unit) = crate::plant::steering_signal(level);
-            outputs.push(port(format!("wheel.{wheel}.{field}"), unit));
-        }
-
-        let x = crate::build::rest_state(platform, [0.0; 3], &[]);
-        let n = platform.layout().dof();
-        let reduced = platform.reduce(&x);
-        let inverse = invert(n, &reduced.mass);
-        let mut mobility = Mobility::new(n, &inverse);
-        platform.guide(&x, &mut mobility, &mut zero_row());
-        let rows: Vec<_> = driven
-            .iter()
-            .map(|&i| platform.spin_row(i, &platform.wheel_frame(i, &x)))
-            .collect();
-        let inertias = if leads.is_empty() {
-            acceleration_torques(n, &reduced.mass, &rows)
-        } else {
-            guided_torques(n, mobility.matrix(), &rows)
-        };
-        let steering = Steering::new(robot, platform, inverse, mobility.matrix(), period);
-        let bandwidth = file.bandwidth.unwrap_or(0.2 / period);
-        let axles = driven
-            .iter()
-            .zip(&rows)
-            .zip(inertias)
-            .map(|((&i, row), inertia)| {
-                let wheel = &wheels[i];
-                let rate = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|t| {
-                    let v = platform.velocity_from_twist(vec2(t[0], t[1]), t[2], &[]);
-                    dot(n, row, &v)
-                });
-                let felt = 1.0 / dot(n, row, &product(n, mobility.matrix(), row));
-                let rate_max = match &wheel.drive {
-                    Drive::None => 0.0,
-                    Drive::Rate { rate_max } => *rate_max,
-                    Drive::Torque { .. } => f64::INFINITY,
-                    // Voltage is left for control above the reference.
-                    Drive::DcMotor(motor) => 0.95 * motor.no_load_rate(),
-                };
-                Axle {
-                    rate,
-                    inertia,
-                    viscous: wheel.viscous,
-                    gain: bandwidth * felt,
-                    drive: wheel.drive,
-                    rate_max,
-                }
-            })
-            .collect::<Vec<_>>();
-        let mut state = vec![0.0; 2 * axles.len() + 1];
-        // Steered wheels stay as they start until there is somewhere to go.
-        state.extend(steering.iter().flat_map(Steering::angles));
-        Servo {
-            inputs,
-            outputs,
-            state,
-            axles,
-            steering,
-            integral_time: file.integral_time,
-            feedback,
+            inputs.push(port(format!("wheel.{}.spin_angle", wheels[i].name), "rad"));
         }
     }
+
+    let leads = platform.layout().steered.clone();
+    for &i in &leads {
+        let wheel = &wheels[i].name;
+        inputs.push(port(format!("wheel.{wheel}.steering_angle"), "rad"));
+        inputs.push(port(format!("wheel.{wheel}.steering_rate"), "rad/s"));
+        let (field, unit) = crate::plant::steering_signal(level);
+        outputs.push(port(format!("wheel.{wheel}.{field}"), unit));
+    }
+
+    let x = crate::build::rest_state(platform, [T::zero(); 3], &[]);
+    let n = platform.layout().dof();
+    let reduced = platform.reduce(&x);
+    let inverse = invert(n, &reduced.mass);
+    let mut mobility = Mobility::new(n, &inverse);
+    platform.guide(&x, &mut mobility, &mut zero_row());
+    let rows: Vec<_> = driven
+        .iter()
+        .map(|&i| platform.spin_row(i, &platform.wheel_frame(i, &x)))
+        .collect();
+    let inertias = if leads.is_empty() {
+        acceleration_torques(n, &reduced.mass, &rows)
+    } else {
+        guided_torques(n, mobility.matrix(), &rows)
+    };
+    let steering = Steering::new(robot, platform, inverse, mobility.matrix(), period);
+    let bandwidth = match file.bandwidth {
+        Some(bandwidth) => at("bandwidth", bandwidth),
+        None => T::from(0.2 / period),
+    };
+    let axles = driven
+        .iter()
+        .zip(&rows)
+        .zip(inertias)
+        .map(|((&i, row), inertia)| {
+            let wheel = &wheels[i];
+            let rate = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|t| {
+                let [forward, left, turn] = t.map(T::from);
+                let v = platform.velocity_from_twist(vec2(forward, left), turn, &[]);
+                dot(n, row, &v)
+            });
+            let felt = T::one() / dot(n, row, &product(n, mobility.matrix(), row));
+            let rate_max = match &wheel.drive {
+                Drive::None => T::zero(),
+                Drive::Rate { rate_max } => *rate_max,
+                Drive::Torque { .. } => T::from(f64::INFINITY),
+                // Voltage is left for control above the reference.
+                Drive::DcMotor(motor) => T::from(0.95) * motor.no_load_rate(),
+            };
+            Axle {
+                rate,
+                inertia,
+                viscous: wheel.viscous,
+                gain: bandwidth * felt,
+                drive: wheel.drive,
+                rate_max,
+            }
+        })
+        .collect::<Vec<_>>();
+    let mut state = vec![T::zero(); 2 * axles.len() + 1];
+    // Steered wheels stay as they start until there is somewhere to go.
+    state.extend(steering.iter().flat_map(Steering::angles));
+    let servo = Servo {
+        state,
+        axles,
+        steering,
+        integral_time: at("integral_time", file.integral_time),
+        feedback,
+    };
+    Wired::new(inputs, outputs, servo)
 }
 
-impl Block for Servo {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-
-    fn step(
-        &mut self,
-        _tick: u64,
-        _t: f64,
-        dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
+impl<T: Scalar> Kernel<T> for Servo<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
+        let dt = T::from(now.dt);
         let count = self.axles.len();
         let (twist, measured) = input.split_at(3);
         let (rates, measured) = measured.split_at(count);
@@ -176,16 +208,17 @@ impl Block for Servo {
             Some(_) => measured.split_at(count),
             None => (&[][..], measured),
         };
-        let mut wanted = [0.0; MAX_WHEELS];
+        let mut wanted = [T::zero(); MAX_WHEELS];
         match &mut self.steering {
             None => {
-                for (k, axle) in self.axles.iter().enumerate() {
-                    wanted[k] = (0..3).map(|j| axle.rate[j] * twist[j]).sum();
+                for k in 0..count {
+                    let rate = self.axles[k].rate;
+                    wanted[k] = rate[0] * twist[0] + rate[1] * twist[1] + rate[2] * twist[2];
                 }
             }
             Some(steering) => {
                 let leads = steered.len() / 2;
-                let mut turned = [[0.0; MAX_WHEELS]; 2];
+                let mut turned = [[T::zero(); MAX_WHEELS]; 2];
                 for k in 0..leads {
                     (turned[0][k], turned[1][k]) = (steered[2 * k], steered[2 * k + 1]);
                 }
@@ -199,40 +232,47 @@ impl Block for Servo {
             }
         }
         // Too fast for one wheel is too fast for all: the path is kept, the speed is not.
-        let mut scale: f64 = 1.0;
-        for (axle, wanted) in self.axles.iter().zip(wanted) {
-            if wanted.abs() > axle.rate_max {
-                scale = scale.min(axle.rate_max / wanted.abs());
-            }
+        let mut scale = T::one();
+        for k in 0..count {
+            let (size, most) = (wanted[k].abs(), self.axles[k].rate_max);
+            let over = most.less(size);
+            let share = most / T::select(over, size, T::one());
+            scale = T::select(over, scale.min(share), scale);
         }
-        let started = self.state[2 * count] != 0.0;
+        let started = T::zero().less(self.state[2 * count]);
         // What the last period left undone, where commanded rates are the motion.
-        let mut corrections = [0.0; MAX_WHEELS];
-        if let (Some([of_rate, of_angle]), true) = (self.feedback, started) {
+        let mut corrections = [T::zero(); MAX_WHEELS];
+        if let Some([of_rate, of_angle]) = self.feedback {
             for k in 0..count {
-                let (last, turned) = (self.state[k], &mut self.state[count + k]);
-                *turned += dt * last;
-                corrections[k] = of_rate * (rates[k] - last) + of_angle * (angles[k] - *turned);
+                let (last, before) = (self.state[k], self.state[count + k]);
+                let turned = T::select(started, before + dt * last, before);
+                self.state[count + k] = turned;
+                let wrong = of_rate * (rates[k] - last) + of_angle * (angles[k] - turned);
+                corrections[k] = T::select(started, wrong, T::zero());
             }
         }
-        let mut accelerations = [0.0; MAX_WHEELS];
+        let mut accelerations = [T::zero(); MAX_WHEELS];
         for k in 0..count {
             let wanted = wanted[k] * scale;
-            if started {
-                accelerations[k] = (wanted - self.state[k]) / dt;
-            }
+            let change = (wanted - self.state[k]) / dt;
+            accelerations[k] = T::select(started, change, T::zero());
             self.state[k] = wanted;
         }
-        self.state[2 * count] = 1.0;
-        for (k, axle) in self.axles.iter().enumerate() {
+        self.state[2 * count] = T::one();
+        for k in 0..count {
+            let axle = &self.axles[k];
             let reference = self.state[k];
             let integral = self.state[count + k];
             let error = reference - rates[k];
-            let ahead: f64 = (0..count).map(|j| axle.inertia[j] * accelerations[j]).sum();
+            let mut ahead = T::zero();
+            for j in 0..count {
+                ahead += axle.inertia[j] * accelerations[j];
+            }
             let torque = ahead + axle.viscous * reference + axle.gain * error + integral;
+            let always = T::Mask::splat(true);
             let (command, saturated) = match &axle.drive {
-                Drive::None => (0.0, true),
-                Drive::Rate { .. } => (reference - corrections[k], true),
+                Drive::None => (T::zero(), always),
+                Drive::Rate { .. } => (reference - corrections[k], always),
                 Drive::Torque { torque_max } => limited(torque, *torque_max),
                 Drive::DcMotor(motor) => {
                     let current = torque / motor.torque_per_current();
@@ -241,13 +281,13 @@ impl Block for Servo {
                 }
             };
             output[k] = command;
-            // At a limit the integral may only lead away from it.
-            let may_learn = !saturated || error * command < 0.0;
-            if may_learn && self.feedback.is_none() {
-                self.state[count + k] += axle.gain * error * dt / self.integral_time;
+            if self.feedback.is_none() {
+                // At a limit the integral may only lead away from it.
+                let away = (error * command).less(T::zero());
+                let learned = integral + axle.gain * error * dt / self.integral_time;
+                self.state[count + k] = T::select(saturated.not().or(away), learned, integral);
             }
         }
-        Ok(())
     }
 
     fn save(&self, bytes: &mut Vec<u8>) {
@@ -260,7 +300,7 @@ impl Block for Servo {
 }
 
 /// The wheels that take a command.
-fn driven(platform: &Platform<f64>) -> Vec<usize> {
+fn driven<T: Scalar>(platform: &Platform<T>) -> Vec<usize> {
     let wheels = platform.wheels();
     (0..wheels.len())
         .filter(|&i| crate::plant::command_signal(&wheels[i].drive).is_some())
@@ -269,35 +309,36 @@ fn driven(platform: &Platform<f64>) -> Vec<usize> {
 
 /// Torque per acceleration of each axle: v̇ from the axles' accelerations by least squares, then the
 /// smallest torques for M v̇.
-fn acceleration_torques(n: usize, mass: &Square<f64>, rows: &[Row<f64>]) -> Vec<Vec<f64>> {
-    let mut normal = [zero_row::<f64>(); MAX_DOF];
+fn acceleration_torques<T: Scalar>(n: usize, mass: &Square<T>, rows: &[Row<T>]) -> Vec<Vec<T>> {
+    let mut normal = [zero_row::<T>(); MAX_DOF];
     for row in rows {
-        add_outer(n, &mut normal, 1.0, row, row);
+        add_outer(n, &mut normal, T::one(), row, row);
     }
     let pseudo = invert(n, &normal);
-    let per_axle = |row: &Row<f64>| {
+    let per_axle = |row: &Row<T>| {
         let share = product(n, &pseudo, row);
         let inertia =
-            |other: &Row<f64>| dot(n, &share, &product(n, mass, &product(n, &pseudo, other)));
+            |other: &Row<T>| dot(n, &share, &product(n, mass, &product(n, &pseudo, other)));
         rows.iter().map(inertia).collect()
     };
     rows.iter().map(per_axle).collect()
 }
 
 /// The same where steered wheels guide: axles that must agree share what all together feel.
-fn guided_torques(n: usize, mobility: &Square<f64>, rows: &[Row<f64>]) -> Vec<Vec<f64>> {
-    let felt: f64 = rows
-        .iter()
-        .map(|row| dot(n, row, &product(n, mobility, row)))
-        .sum();
+fn guided_torques<T: Scalar>(n: usize, mobility: &Square<T>, rows: &[Row<T>]) -> Vec<Vec<T>> {
+    let mut felt = T::zero();
+    for row in rows {
+        felt += dot(n, row, &product(n, mobility, row));
+    }
     let own = |k: usize| {
-        let shares = (0..rows.len()).map(|j| if j == k { 1.0 / felt } else { 0.0 });
+        let shares = (0..rows.len()).map(|j| if j == k { T::one() / felt } else { T::zero() });
         shares.collect()
     };
     (0..rows.len()).map(own).collect()
 }
 
 /// The value within ± limit, and whether it was beyond.
-fn limited(value: f64, limit: f64) -> (f64, bool) {
-    (value.clamp(-limit, limit), value.abs() > limit)
+#[inline(always)]
+fn limited<T: Scalar>(value: T, limit: T) -> (T, T::Mask) {
+    (value.max(-limit).min(limit), limit.less(value.abs()))
 }

@@ -2,10 +2,16 @@
 //!
 //! A step is sense → decide → record → move → judge. Within a stage blocks run robot after robot in
 //! the order of their wiring. Time is the tick times the step, never a sum.
+//!
+//! A world may hold several trials in lanes. They share its ticks, each counted from its own start,
+//! and go on until their own end; the others do not notice when another trial takes a lane over.
 
 use std::collections::BTreeMap;
 
-use crate::block::{Block, BlockError, Detail};
+use appell_model::math::hypot;
+use appell_model::scalar::{Mask, Scalar};
+
+use crate::block::{Block, BlockError, Detail, Now};
 use crate::judge::{Judge, Verdict};
 use crate::layout::Layout;
 use crate::record::{Event, RecordError, Recorder};
@@ -40,19 +46,20 @@ impl Due {
 }
 
 /// A block in its place: when it is due, what it reads and where it writes.
-pub(crate) struct Slot {
-    pub block: Box<dyn Block>,
+struct Slot<T: Scalar> {
+    block: Box<dyn Block<T>>,
     due: Due,
     inputs: Vec<usize>,
     outputs: std::ops::Range<usize>,
-    buffer: Vec<f64>,
+    buffer: Vec<T>,
 }
 
 /// What judges a robot.
-pub(crate) struct Referee {
+pub(crate) struct Referee<T: Scalar> {
     pub robot: String,
-    pub judge: Judge,
-    pub layout: Layout,
+    /// One for each lane.
+    pub judges: Vec<Judge<T::Single>>,
+    layouts: Vec<Layout>,
     pub has_task: bool,
     /// Its looks.
     due: Due,
@@ -62,29 +69,63 @@ pub(crate) struct Referee {
     clearance: usize,
 }
 
-/// Robots, their blocks and the table of signals.
-pub struct World {
+/// Robots, their blocks and the table of signals, of one trial or of several in lanes.
+pub struct World<T: Scalar = f64> {
     step: f64,
     tick: u64,
+    /// Ticks of a trial.
     end: u64,
+    /// The tick at which each lane's trial began, and its own ticks since.
+    begun: Vec<u64>,
+    ticks: Vec<u64>,
+    /// Which lanes have a trial that goes on.
+    running: Vec<bool>,
+    /// What broke trials off since it was asked for last.
+    broken: Vec<(usize, SimError)>,
     record: Due,
     signals: Vec<Signal>,
-    row: Vec<f64>,
-    sensors: Vec<Slot>,
-    controllers: Vec<Slot>,
-    plants: Vec<Slot>,
+    row: Vec<T>,
+    sensors: Vec<Slot<T>>,
+    controllers: Vec<Slot<T>>,
+    plants: Vec<Slot<T>>,
     /// Readings of each plant's motion.
     readings: Vec<Due>,
-    pub(crate) referees: Vec<Referee>,
-    events: Vec<Event>,
+    pub(crate) referees: Vec<Referee<T>>,
+    events: Vec<(usize, Event)>,
+}
+
+/// Listens to a world: rows of some lanes, and events of one.
+pub(crate) trait Listener<T: Scalar> {
+    /// A row of signals at a time of each lane, s, for those lanes that have one.
+    fn frame(&mut self, t: T, row: &[T], of: T::Mask) -> Result<(), RecordError>;
+    /// Something that happened in a lane.
+    fn event(&mut self, lane: usize, event: &Event) -> Result<(), RecordError>;
+}
+
+/// A recorder, which knows of no lanes.
+struct Alone<'a>(&'a mut dyn Recorder);
+
+impl Listener<f64> for Alone<'_> {
+    fn frame(&mut self, t: f64, row: &[f64], _of: bool) -> Result<(), RecordError> {
+        self.0.frame(t, row)
+    }
+
+    fn event(&mut self, _lane: usize, event: &Event) -> Result<(), RecordError> {
+        self.0.event(event)
+    }
 }
 
 /// Why a step could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
     /// A block could not go on.
-    #[error(transparent)]
-    Block(#[from] BlockError),
+    #[error("{error} at t = {t} s")]
+    Block {
+        /// What happened.
+        error: BlockError,
+        /// Time, s.
+        t: f64,
+    },
     /// A signal is not finite.
     #[error("{path}: is not finite at t = {t} s")]
     NotFinite {
@@ -104,20 +145,29 @@ pub enum SimError {
 pub struct RestoreError;
 
 /// The blocks of one robot, for wiring.
-pub(crate) struct RobotBlocks {
+pub(crate) struct RobotBlocks<T: Scalar> {
     pub name: String,
-    pub sensors: Vec<(Box<dyn Block>, u64)>,
-    pub controllers: Vec<(Box<dyn Block>, u64)>,
-    pub plant: Box<dyn Block>,
-    pub judge: Judge,
+    pub sensors: Vec<(Box<dyn Block<T>>, u64)>,
+    pub controllers: Vec<(Box<dyn Block<T>>, u64)>,
+    pub plant: Box<dyn Block<T>>,
+    pub judge: Judge<T::Single>,
     pub layout: Layout,
     pub has_task: bool,
     pub judge_period: u64,
 }
 
-impl World {
-    /// Wires robots; every input finds the output of its path, or stays at zero.
-    pub(crate) fn wire(step: f64, end: u64, record: u64, robots: Vec<RobotBlocks>) -> World {
+/// A world before it is wired: periods in ticks, and the robots.
+pub(crate) struct Parts<T: Scalar> {
+    pub step: f64,
+    pub end: u64,
+    pub record: u64,
+    pub robots: Vec<RobotBlocks<T>>,
+}
+
+impl<T: Scalar> World<T> {
+    /// Wires robots; every input finds the output of its path, or stays at zero. All lanes hold the
+    /// same trial.
+    pub(crate) fn wire(parts: Parts<T>) -> World<T> {
         let mut signals: Vec<Signal> = Vec::new();
         let mut index: BTreeMap<String, usize> = BTreeMap::new();
         let mut add = |signals: &mut Vec<Signal>, signal: &Signal| {
@@ -128,15 +178,15 @@ impl World {
             signals.push(signal.clone());
             at
         };
-        struct Placed {
-            block: Box<dyn Block>,
+        struct Placed<T: Scalar> {
+            block: Box<dyn Block<T>>,
             period: u64,
             outputs: std::ops::Range<usize>,
         }
         let (mut sensors, mut controllers, mut plants) = (Vec::new(), Vec::new(), Vec::new());
         let mut judges = Vec::new();
-        for robot in robots {
-            let mut place = |(block, period): (Box<dyn Block>, u64)| {
+        for robot in parts.robots {
+            let mut place = |(block, period): (Box<dyn Block<T>>, u64)| {
                 let start = signals.len();
                 for port in block.outputs() {
                     add(&mut signals, port);
@@ -172,7 +222,7 @@ impl World {
                 }
             }
         }
-        let slot = |placed: Placed| {
+        let slot = |placed: Placed<T>| {
             let inputs: Vec<usize> = placed
                 .block
                 .inputs()
@@ -180,25 +230,25 @@ impl World {
                 .map(|p| index[&p.path])
                 .collect();
             Slot {
-                buffer: vec![0.0; inputs.len()],
+                buffer: vec![T::zero(); inputs.len()],
                 inputs,
                 outputs: placed.outputs,
                 block: placed.block,
                 due: Due::every(placed.period),
             }
         };
-        let sensors: Vec<Slot> = sensors.into_iter().map(slot).collect();
-        let controllers: Vec<Slot> = controllers.into_iter().map(slot).collect();
-        let plants: Vec<Slot> = plants.into_iter().map(slot).collect();
-        let referees: Vec<Referee> = judges
+        let sensors: Vec<Slot<T>> = sensors.into_iter().map(slot).collect();
+        let controllers: Vec<Slot<T>> = controllers.into_iter().map(slot).collect();
+        let plants: Vec<Slot<T>> = plants.into_iter().map(slot).collect();
+        let referees: Vec<Referee<T>> = judges
             .into_iter()
             .map(
                 |(robot, judge, layout, has_task, period, clearance)| Referee {
                     watched: ["pose.x", "pose.y", "twist.forward", "twist.left"]
                         .map(|path| index[&format!("robot.{robot}.{path}")]),
                     robot,
-                    judge,
-                    layout,
+                    judges: vec![judge; T::LANES],
+                    layouts: vec![layout; T::LANES],
                     has_task,
                     due: Due::every(period),
                     clearance,
@@ -222,11 +272,15 @@ impl World {
             })
             .collect();
         let mut world = World {
-            step,
+            step: parts.step,
             tick: 0,
-            end,
-            record: Due::every(record),
-            row: vec![0.0; signals.len()],
+            end: parts.end,
+            begun: vec![0; T::LANES],
+            ticks: vec![0; T::LANES],
+            running: vec![true; T::LANES],
+            broken: Vec::with_capacity(T::LANES),
+            record: Due::every(parts.record),
+            row: vec![T::zero(); signals.len()],
             signals,
             sensors,
             controllers,
@@ -236,13 +290,93 @@ impl World {
             events: Vec::with_capacity(64),
         };
         world.observe_everything();
-        world.judge(0);
+        world.judge(None);
         world
     }
 
-    /// Time of the present tick, s.
-    pub fn now(&self) -> f64 {
-        self.tick as f64 * self.step
+    /// The least time, in ticks, after which everything falls due together: where trials may begin.
+    pub(crate) fn cycle(&self) -> u64 {
+        let blocks = self.sensors.iter().chain(&self.controllers);
+        let periods = blocks.map(|slot| slot.due.period);
+        let judges = self.referees.iter().map(|referee| referee.due.period);
+        periods
+            .chain(judges)
+            .chain([self.record.period])
+            .fold(1, |a, b| a / gcd(a, b) * b)
+    }
+
+    /// Whether a trial could take a lane over: it differs from those here in numbers alone.
+    pub(crate) fn fits(&self, parts: &Parts<f64>) -> bool {
+        let like = |slot: &Slot<T>, block: &dyn Block<f64>, period: u64| {
+            slot.due.period == period && slot.block.fits(block.any())
+        };
+        let (mut sensors, mut controllers) = (self.sensors.iter(), self.controllers.iter());
+        let all = |slots: &mut std::slice::Iter<'_, Slot<T>>,
+                   blocks: &[(Box<dyn Block<f64>>, u64)]| {
+            blocks.iter().all(|(block, period)| {
+                slots
+                    .next()
+                    .is_some_and(|slot| like(slot, block.as_ref(), *period))
+            })
+        };
+        let robots = self.plants.iter().zip(&self.referees).zip(&parts.robots);
+        let mut fit = self.step == parts.step
+            && self.end == parts.end
+            && self.record.period == parts.record
+            && self.plants.len() == parts.robots.len();
+        for ((plant, referee), robot) in robots {
+            fit = fit
+                && like(plant, robot.plant.as_ref(), 1)
+                && all(&mut sensors, &robot.sensors)
+                && all(&mut controllers, &robot.controllers)
+                && referee.robot == robot.name
+                && referee.has_task == robot.has_task
+                && referee.due.period == robot.judge_period;
+        }
+        fit && sensors.next().is_none() && controllers.next().is_none()
+    }
+
+    /// Begins a trial, which fits, in a lane, at a tick at which everything falls due.
+    pub(crate) fn put(&mut self, lane: usize, parts: Parts<f64>)
+    where
+        T: Scalar<Single = f64>,
+    {
+        debug_assert!(self.tick.is_multiple_of(self.cycle()), "not due yet");
+        let (mut sensors, mut controllers) = (self.sensors.iter_mut(), self.controllers.iter_mut());
+        let robots = self.plants.iter_mut().zip(&mut self.referees);
+        for ((plant, referee), robot) in robots.zip(parts.robots) {
+            plant.block.take(lane, robot.plant.any());
+            let pairs = sensors.by_ref().zip(&robot.sensors);
+            for (slot, (block, _)) in pairs.take(robot.sensors.len()) {
+                slot.block.take(lane, block.any());
+            }
+            let pairs = controllers.by_ref().zip(&robot.controllers);
+            for (slot, (block, _)) in pairs.take(robot.controllers.len()) {
+                slot.block.take(lane, block.any());
+            }
+            referee.judges[lane] = robot.judge;
+            referee.layouts[lane] = robot.layout;
+        }
+        // Outputs of what has not run yet are zero.
+        for value in &mut self.row {
+            let before = *value;
+            *value = T::from_lanes(|i| if i == lane { 0.0 } else { before.lane(i) });
+        }
+        self.begun[lane] = self.tick;
+        self.ticks[lane] = 0;
+        self.running[lane] = true;
+        self.observe_everything();
+        self.judge(Some(lane));
+    }
+
+    /// Leaves a lane empty; the others go on.
+    pub(crate) fn clear(&mut self, lane: usize) {
+        self.running[lane] = false;
+    }
+
+    /// Time of a lane's trial, s.
+    pub(crate) fn time(&self, lane: usize) -> f64 {
+        self.ticks[lane] as f64 * self.step
     }
 
     /// The present tick.
@@ -256,7 +390,7 @@ impl World {
     }
 
     /// Values of all signals.
-    pub fn row(&self) -> &[f64] {
+    pub fn row(&self) -> &[T] {
         &self.row
     }
 
@@ -265,49 +399,132 @@ impl World {
         self.signals.iter().position(|signal| signal.path == path)
     }
 
-    /// Makes one step: sense, decide, record, move, judge. True while there is more to do.
-    pub fn step(&mut self, recorder: &mut dyn Recorder) -> Result<bool, SimError> {
-        self.advance(1, recorder)
+    /// What broke the trial of a lane off, if anything did.
+    pub(crate) fn take_error(&mut self, lane: usize) -> Option<SimError> {
+        let at = self.broken.iter().position(|(of, _)| *of == lane)?;
+        Some(self.broken.swap_remove(at).1)
     }
 
-    /// Makes a step and goes on while nothing is due but motion, for at most `limit` steps. The bits
-    /// are the same as step by step.
-    pub fn advance(&mut self, limit: u64, recorder: &mut dyn Recorder) -> Result<bool, SimError> {
-        let (tick, t) = (self.tick, self.now());
-        run_due(&mut self.sensors, tick, t, self.step, &mut self.row)?;
-        run_due(&mut self.controllers, tick, t, self.step, &mut self.row)?;
-        let ends = tick >= self.end || self.is_decided();
-        if self.record.now(tick) || ends {
-            self.frame(recorder)?;
+    /// Whether a lane has a trial that goes on.
+    pub(crate) fn runs(&self, lane: usize) -> bool {
+        self.running[lane]
+    }
+
+    /// Makes a step and goes on while nothing is due but motion, for at most `limit` steps. Trials
+    /// that ended do so before the step; true while the others, if there are any, go on.
+    pub(crate) fn go(
+        &mut self,
+        limit: u64,
+        listener: &mut dyn Listener<T>,
+    ) -> Result<bool, RecordError> {
+        let t = T::from_lanes(|lane| self.time(lane));
+        self.run_due(Stage::Sense, t);
+        self.run_due(Stage::Decide, t);
+        let mut ends = [false; LANES_MAX];
+        let mut any_ends = false;
+        for lane in 0..T::LANES {
+            if self.running[lane] {
+                ends[lane] = self.ticks[lane] >= self.end || self.is_decided(lane);
+                any_ends |= ends[lane];
+            }
         }
-        if ends {
+        if self.record.now(self.tick) {
+            let of = T::Mask::from_lanes(|lane| self.running[lane]);
+            self.frame(t, of, listener)?;
+        } else if any_ends {
+            let of = T::Mask::from_lanes(|lane| ends[lane] && self.running[lane]);
+            self.frame(t, of, listener)?;
+        }
+        let mut next = self.next_due();
+        let mut goes_on = false;
+        for lane in 0..T::LANES {
+            self.running[lane] &= !ends[lane];
+            if self.running[lane] {
+                goes_on = true;
+                next = next.min(self.begun[lane] + self.end);
+            }
+        }
+        if !goes_on {
             return Ok(false);
         }
-        let ahead = (self.next_due() - tick).min(limit);
-        for slot in &mut self.plants {
+        let ahead = (next - self.tick).min(limit);
+        let dt = ahead as f64 * self.step;
+        for k in 0..self.plants.len() {
+            let slot = &mut self.plants[k];
             slot.gather(&self.row);
-            let dt = ahead as f64 * self.step;
-            slot.block.step(tick, t, dt, &slot.buffer, &mut [])?;
+            let now = Now {
+                ticks: &self.ticks,
+                t,
+                dt,
+            };
+            if let Err(error) = slot.block.step(&now, &slot.buffer, &mut []) {
+                self.break_off(error, dt);
+            }
         }
         self.tick += ahead;
         let tick = self.tick;
+        for lane in 0..T::LANES {
+            // A trial that broke off stays at its last instant.
+            if self.running[lane] {
+                self.ticks[lane] = tick - self.begun[lane];
+            }
+        }
         for (k, due) in self.readings.iter_mut().enumerate() {
             if due.now(tick) {
                 self.plants[k].observe(Detail::Motion, &mut self.row);
             }
         }
-        self.judge(tick);
+        self.judge(None);
         if !self.events.is_empty() {
-            for event in self.events.drain(..) {
-                recorder.event(&event)?;
+            for (lane, event) in self.events.drain(..) {
+                listener.event(lane, &event)?;
             }
         }
-        Ok(true)
+        Ok(self.running.iter().any(|&runs| runs))
     }
 
-    /// The first tick after this one at which anything is due, or the end.
+    /// Runs the blocks of a stage that are due, in the order of their wiring.
+    fn run_due(&mut self, stage: Stage, t: T) {
+        let count = match stage {
+            Stage::Sense => self.sensors.len(),
+            Stage::Decide => self.controllers.len(),
+        };
+        for k in 0..count {
+            let slot = match stage {
+                Stage::Sense => &mut self.sensors[k],
+                Stage::Decide => &mut self.controllers[k],
+            };
+            if !slot.due.now(self.tick) {
+                continue;
+            }
+            slot.gather(&self.row);
+            let now = Now {
+                ticks: &self.ticks,
+                t,
+                dt: slot.due.period as f64 * self.step,
+            };
+            let outputs = &mut self.row[slot.outputs.clone()];
+            if let Err(error) = slot.block.step(&now, &slot.buffer, outputs) {
+                self.break_off(error, 0.0);
+            }
+        }
+    }
+
+    /// Breaks trials off in which a block could not go on, `dt` after this tick.
+    #[cold]
+    fn break_off(&mut self, error: BlockError, dt: f64) {
+        for lane in 0..T::LANES {
+            if error.lanes & (1 << lane) != 0 && self.running[lane] {
+                self.running[lane] = false;
+                let (error, t) = (error.clone(), self.time(lane) + dt);
+                self.broken.push((lane, SimError::Block { error, t }));
+            }
+        }
+    }
+
+    /// The first tick after this one at which anything is due.
     fn next_due(&self) -> u64 {
-        let mut next = self.end.min(self.record.next);
+        let mut next = self.record.next;
         for slot in &self.sensors {
             next = next.min(slot.due.next);
         }
@@ -323,26 +540,54 @@ impl World {
         next
     }
 
-    /// Whether every task has its verdict.
-    fn is_decided(&self) -> bool {
-        let mut tasks = self
-            .referees
-            .iter()
-            .filter(|referee| referee.has_task)
-            .peekable();
-        tasks.peek().is_some() && tasks.all(|referee| referee.judge.verdict() != Verdict::Running)
+    /// Whether every task of a lane's trial has its verdict.
+    fn is_decided(&self, lane: usize) -> bool {
+        let mut tasks = false;
+        for referee in &self.referees {
+            if referee.has_task {
+                tasks = true;
+                if referee.judges[lane].verdict() == Verdict::Running {
+                    return false;
+                }
+            }
+        }
+        tasks
     }
 
-    fn frame(&mut self, recorder: &mut dyn Recorder) -> Result<(), SimError> {
+    /// Hands a row of these lanes on. One that is not finite breaks its trial off.
+    fn frame(
+        &mut self,
+        t: T,
+        mut of: T::Mask,
+        listener: &mut dyn Listener<T>,
+    ) -> Result<(), RecordError> {
         self.observe_everything();
-        if let Some(k) = self.row.iter().position(|value| !value.is_finite()) {
-            return Err(SimError::NotFinite {
-                path: self.signals[k].path.clone(),
-                t: self.now(),
-            });
+        let mut finite = T::Mask::splat(true);
+        for k in 0..self.row.len() {
+            finite = finite.and(self.row[k].is_finite());
         }
-        recorder.frame(self.now(), &self.row)?;
+        if !finite.or(of.not()).all() {
+            self.refuse_endless(of);
+            of = of.and(finite);
+        }
+        if of.any() {
+            listener.frame(t, &self.row, of)?;
+        }
         Ok(())
+    }
+
+    /// Breaks trials off whose signals are not finite.
+    #[cold]
+    fn refuse_endless(&mut self, of: T::Mask) {
+        for lane in 0..T::LANES {
+            let is_endless = |value: &T| !value.lane(lane).is_finite();
+            let found = self.row.iter().position(is_endless);
+            if let Some(k) = found.filter(|_| of.lane(lane) && self.running[lane]) {
+                self.running[lane] = false;
+                let (path, t) = (self.signals[k].path.clone(), self.time(lane));
+                self.broken.push((lane, SimError::NotFinite { path, t }));
+            }
+        }
     }
 
     fn observe_everything(&mut self) {
@@ -351,25 +596,84 @@ impl World {
         }
     }
 
-    fn judge(&mut self, tick: u64) {
-        let t = tick as f64 * self.step;
+    /// Lets the judges look that are due, or those of a lane whose trial begins.
+    fn judge(&mut self, begins: Option<usize>) {
         for referee in &mut self.referees {
-            if !referee.due.now(tick) {
+            if begins.is_none() && !referee.due.now(self.tick) {
                 continue;
             }
             let [x, y, forward, left] = referee.watched.map(|k| self.row[k]);
             let speed = crate::plant::speed(forward, left);
-            referee.judge.observe(t, [x, y], speed);
-            self.row[referee.clearance] = referee.layout.clearance([x, y]);
-            for event in referee.judge.take_events() {
-                self.events.push(Event {
-                    t: event.t,
-                    robot: referee.robot.clone(),
-                    kind: "task".into(),
-                    text: event.text,
-                    position: Some(event.position),
-                });
+            let mut nearest = T::from(f64::MAX);
+            for k in 0..referee.layouts[0].beacons.len() {
+                let of = |lane: usize| &referee.layouts[lane].beacons[k];
+                let dx = x - T::from_lanes(|lane| of(lane).position[0]);
+                let dy = y - T::from_lanes(|lane| of(lane).position[1]);
+                let radius = T::from_lanes(|lane| of(lane).radius);
+                let disc = T::from_lanes(|lane| referee.layouts[lane].collision_radius);
+                nearest = nearest.min(hypot(dx, dy) - radius - disc);
             }
+            self.row[referee.clearance] = nearest;
+            for lane in 0..T::LANES {
+                if !self.running[lane] || begins.is_some_and(|only| only != lane) {
+                    continue;
+                }
+                let judge = &mut referee.judges[lane];
+                let t = <T::Single as From<f64>>::from(self.ticks[lane] as f64 * self.step);
+                let position = [x.single(lane), y.single(lane)];
+                judge.observe(t, position, speed.single(lane));
+                for event in judge.take_events() {
+                    let event = Event {
+                        t: event.t,
+                        robot: referee.robot.clone(),
+                        kind: "task".into(),
+                        text: event.text,
+                        position: Some(event.position),
+                    };
+                    self.events.push((lane, event));
+                }
+            }
+        }
+    }
+}
+
+/// A stage of a step.
+#[derive(Clone, Copy)]
+enum Stage {
+    Sense,
+    Decide,
+}
+
+/// Most lanes of a number.
+const LANES_MAX: usize = 8;
+
+impl World {
+    /// Time of the present tick, s.
+    pub fn now(&self) -> f64 {
+        self.time(0)
+    }
+
+    /// Makes one step: sense, decide, record, move, judge. True while there is more to do.
+    pub fn step(&mut self, recorder: &mut dyn Recorder) -> Result<bool, SimError> {
+        self.advance(1, recorder)
+    }
+
+    /// Makes a step and goes on while nothing is due but motion, for at most `limit` steps. The bits
+    /// are the same as step by step.
+    pub fn advance(&mut self, limit: u64, recorder: &mut dyn Recorder) -> Result<bool, SimError> {
+        self.advance_with(limit, &mut Alone(recorder))
+    }
+
+    /// The same for a listener.
+    pub(crate) fn advance_with(
+        &mut self,
+        limit: u64,
+        listener: &mut dyn Listener<f64>,
+    ) -> Result<bool, SimError> {
+        let goes_on = self.go(limit, listener)?;
+        match self.take_error(0) {
+            Some(error) => Err(error),
+            None => Ok(goes_on),
         }
     }
 
@@ -381,7 +685,7 @@ impl World {
             slot.block.save(&mut bytes);
         }
         for referee in &self.referees {
-            let judge = serde_json::to_vec(&referee.judge).expect("a judge is plain data");
+            let judge = serde_json::to_vec(&referee.judges[0]).expect("a judge is plain data");
             bytes.extend_from_slice(&(judge.len() as u64).to_le_bytes());
             bytes.extend_from_slice(&judge);
         }
@@ -408,10 +712,13 @@ impl World {
         for referee in &mut self.referees {
             let size = u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?) as usize;
             at += 8;
-            referee.judge = serde_json::from_slice(bytes.get(at..at.checked_add(size)?)?).ok()?;
+            referee.judges[0] =
+                serde_json::from_slice(bytes.get(at..at.checked_add(size)?)?).ok()?;
             at += size;
         }
         self.tick = tick;
+        self.ticks[0] = tick;
+        self.running[0] = true;
         self.record.seek(tick);
         for slot in self.sensors.iter_mut().chain(&mut self.controllers) {
             slot.due.seek(tick);
@@ -426,7 +733,7 @@ impl World {
         (at == bytes.len()).then_some(())
     }
 
-    fn slots(&self) -> impl Iterator<Item = &Slot> {
+    fn slots(&self) -> impl Iterator<Item = &Slot<f64>> {
         self.sensors
             .iter()
             .chain(&self.controllers)
@@ -434,39 +741,20 @@ impl World {
     }
 }
 
-impl Slot {
+impl<T: Scalar> Slot<T> {
     /// Writes the outputs of the present state.
-    fn observe(&mut self, detail: Detail, row: &mut [f64]) {
+    fn observe(&mut self, detail: Detail, row: &mut [T]) {
         self.gather(row);
         let outputs = &mut row[self.outputs.clone()];
         self.block.observe(&self.buffer, detail, outputs);
     }
 
-    fn gather(&mut self, row: &[f64]) {
+    fn gather(&mut self, row: &[T]) {
         // Zipped iterators are calls here, and this is the heart of every tick.
         for (k, &index) in self.inputs.iter().enumerate() {
             self.buffer[k] = row[index];
         }
     }
-}
-
-/// Runs the blocks of a stage that are due, in the order of their wiring.
-fn run_due(
-    slots: &mut [Slot],
-    tick: u64,
-    t: f64,
-    step: f64,
-    row: &mut [f64],
-) -> Result<(), BlockError> {
-    for slot in slots {
-        if slot.due.now(tick) {
-            slot.gather(row);
-            let dt = slot.due.period as f64 * step;
-            slot.block
-                .step(tick, t, dt, &slot.buffer, &mut row[slot.outputs.clone()])?;
-        }
-    }
-    Ok(())
 }
 
 /// Greatest common divisor.

@@ -1,8 +1,9 @@
 //! An exponential method for motors: stable for any winding.
 
-use super::{Aligned, Steps, multiply};
+use super::{Aligned, On, Steps, multiply};
 use crate::dynamics::{Dynamics, Input, Work};
 use crate::scalar::{Mask, Scalar};
+use crate::wide::{Job, widest};
 
 /// An exponential midpoint method of order 2 (ETD2): the linear part of the stiff states is exact,
 /// the rest is taken at the middle of the step; states that only follow are summed by Gauss's rule
@@ -24,6 +25,8 @@ pub struct Exponential<T: Scalar> {
     rest: Vec<T>,
     input: Vec<T>,
     scratch: [Vec<T>; 3],
+    /// Two, unknown to the compiler.
+    sides: usize,
 }
 
 /// e^{Ah} and ∫₀ʰ e^{As} ds, row-major.
@@ -37,6 +40,8 @@ struct Propagator<T> {
 const SHARES: [f64; 4] = [0.112_701_665_379_258_3, 0.5, 0.887_298_334_620_741_7, 1.0];
 const MIDDLE: usize = 1;
 const END: usize = 3;
+/// Most halvings of the step that the matrix exponential is begun with.
+const DOUBLINGS_MAX: usize = 60;
 
 impl<T: Scalar> Exponential<T> {
     /// Order of the method.
@@ -68,6 +73,7 @@ impl<T: Scalar> Exponential<T> {
             rest: vec![T::zero(); size],
             input: vec![T::zero(); sizes.input],
             scratch: [square(), square(), square()],
+            sides: 2,
         };
         method.prepare(system, &free, step);
         Some(method)
@@ -108,8 +114,35 @@ impl<T: Scalar> Exponential<T> {
 impl<T: Scalar, I: Input<T>> Work<T> for Steps<'_, T, Exponential<T>, I> {
     type Output = ();
 
-    #[inline(always)]
+    #[inline(never)]
     fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
+        let steps = self;
+        widest::<T, _>(On::<_, _, N, Z> { system, steps });
+    }
+}
+
+impl<T: Scalar, S: Dynamics<T>, I: Input<T>, const N: usize, const Z: usize> Job
+    for On<'_, S, Steps<'_, T, Exponential<T>, I>, N, Z>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.steps.make::<N, Z, S>(self.system);
+    }
+
+    #[inline(always)]
+    fn plain(self) {
+        // Elsewhere twins are not asked for without fused multiply-add.
+        if N == 0 || cfg!(not(target_arch = "x86_64")) {
+            self.steps.make::<N, Z, S>(self.system);
+        }
+    }
+}
+
+impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
+    #[inline(always)]
+    fn make<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
         let [mut x, mut stage] = [Aligned([T::zero(); N]); 2];
         let [mut first, mut middle, mut early, mut late] = [Aligned([T::zero(); N]); 4];
         let [mut start, mut rest] = [Aligned([T::zero(); Z]); 2];
@@ -149,7 +182,17 @@ impl<T: Scalar, I: Input<T>> Work<T> for Steps<'_, T, Exponential<T>, I> {
             let from = if N == 0 { method.range.start } else { S::STIFF };
             let u = &mut method.input;
             nodes(
-                system, self.input, t, self.dt, from, matrices, u, state, self.mode, buffers,
+                system,
+                self.input,
+                t,
+                self.dt,
+                from,
+                method.sides,
+                matrices,
+                u,
+                state,
+                self.mode,
+                buffers,
             );
             system.settle(state, u, self.mode);
         }
@@ -177,6 +220,7 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
     t: f64,
     dt: f64,
     from: usize,
+    sides: usize,
     (linear, propagators): (&[T], &[Propagator<T>; 4]),
     u: &mut [T],
     x: &mut [T],
@@ -216,7 +260,9 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
 
     // The outer nodes of the quadrature.
     const OUTER: [usize; 2] = [0, 2];
-    for side in 0..2 {
+    // As the stages of Runge–Kutta 4, a loop for many lanes.
+    let sides = if T::LANES > 1 { sides } else { 2 };
+    for side in 0..sides {
         let share = SHARES[OUTER[side]];
         let before = T::from(share * dt * (1.0 - share));
         let after = T::from(share * dt * share);
@@ -229,10 +275,11 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
         if input.held().is_none() {
             input.at(t + share * dt, u);
         }
+        system.derivative(stage, u, mode, late);
         if side == 0 {
-            system.derivative(stage, u, mode, early);
-        } else {
-            system.derivative(stage, u, mode, late);
+            for k in 0..n {
+                early[k] = late[k];
+            }
         }
     }
     let (outer, inner) = (T::from(dt * (5.0 / 18.0)), T::from(dt * (8.0 / 18.0)));
@@ -287,23 +334,29 @@ fn propagate<T: Scalar>(
 ) {
     // At ‖At‖ ≤ ½ the 15th term is below 2⁻¹⁵/15! ≈ 2e-17.
     const TERMS: usize = 15;
-    let norm = (0..T::LANES)
-        .flat_map(|lane| (0..size).map(move |i| (lane, i)))
-        .map(|(lane, i)| -> f64 {
-            (0..size)
-                .map(|k| linear[i * size + k].lane(lane).abs())
-                .sum()
-        })
-        .fold(0.0, f64::max);
+    // Each lane has its own count of halvings: its bits must not depend on its neighbors.
+    let mut norm = T::zero();
+    for i in 0..size {
+        let mut sum = T::zero();
+        for k in 0..size {
+            sum += linear[i * size + k].abs();
+        }
+        norm = norm.max(sum);
+    }
+    let mut h = T::from(time);
     let mut doublings = 0;
-    let mut short = time;
-    while norm * short > 0.5 && doublings < 60 {
-        short *= 0.5;
+    let mut halved = [T::Mask::splat(false); DOUBLINGS_MAX];
+    while doublings < DOUBLINGS_MAX {
+        let long = T::from(0.5).less(norm * h);
+        if !long.any() {
+            break;
+        }
+        h = T::select(long, T::from(0.5) * h, h);
+        halved[doublings] = long;
         doublings += 1;
     }
     let [power, next, _] = scratch;
     let (exponential, integral) = (&mut result.exponential, &mut result.integral);
-    let h = T::from(short);
     for i in 0..size {
         for k in 0..size {
             let unit = if i == k { T::one() } else { T::zero() };
@@ -322,13 +375,15 @@ fn propagate<T: Scalar>(
             integral[k] = power[k].mul_add(spread, integral[k]);
         }
     }
-    for _ in 0..doublings {
+    for halved in &halved[..doublings] {
         // ∫₀²ʰ = ∫₀ʰ + e^{Ah} ∫₀ʰ.
         multiply(size, exponential, integral, next);
         for k in 0..size * size {
-            integral[k] += next[k];
+            integral[k] = T::select(*halved, integral[k] + next[k], integral[k]);
         }
         multiply(size, exponential, exponential, next);
-        exponential.copy_from_slice(&next[..size * size]);
+        for k in 0..size * size {
+            exponential[k] = T::select(*halved, next[k], exponential[k]);
+        }
     }
 }

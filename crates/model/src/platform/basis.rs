@@ -5,12 +5,15 @@ use crate::scalar::Scalar;
 use crate::solve::{Row, zero_row};
 use crate::wheel::{Steering, Wheel};
 
-/// Σ: a basis of the twists that the lateral rows of the fixed wheels allow, and its size.
+/// Σ: a basis of the twists that the lateral rows of the fixed wheels allow, its size, and the wheels
+/// that it is made of, with whether two of them leave a turn.
+#[allow(clippy::type_complexity)]
 pub(super) fn fixed_basis<T: Scalar>(
     wheels: &[Wheel<T>],
-) -> Result<([Row<T>; 3], usize), PlatformError> {
+) -> Result<([Row<T>; 3], usize, (Vec<usize>, bool)), PlatformError> {
     let mut rows: Vec<[T; 3]> = Vec::new();
-    for wheel in wheels {
+    let (mut made_of, mut turns) = (Vec::new(), false);
+    for (i, wheel) in wheels.iter().enumerate() {
         let Steering::Fixed { angle } = wheel.steering else {
             continue;
         };
@@ -27,6 +30,7 @@ pub(super) fn fixed_basis<T: Scalar>(
         // Which rows are independent is a matter of configuration: decided on the nominal values.
         if rank_with(&rows, &row) > rows.len() {
             rows.push(row);
+            made_of.push(i);
         }
     }
     let zero = zero_row::<T>();
@@ -41,11 +45,8 @@ pub(super) fn fixed_basis<T: Scalar>(
             let c = cross3(a, b);
             let planar = (c[0] * c[0] + c[1] * c[1]).sqrt();
             // Straight motion at 1 m/s, or a turn at 1 rad/s about the common center.
-            let unit = if nominal(c[2].abs()) > 1e-9 * nominal(planar) {
-                c[2]
-            } else {
-                planar.copysign(c[0])
-            };
+            turns = nominal(c[2].abs()) > 1e-9 * nominal(planar);
+            let unit = if turns { c[2] } else { planar.copysign(c[0]) };
             vec![[c[0] / unit, c[1] / unit, c[2] / unit]]
         }
         _ => return Err(PlatformError::Locked),
@@ -55,7 +56,7 @@ pub(super) fn fixed_basis<T: Scalar>(
             basis[axis][k] = column[axis];
         }
     }
-    Ok((basis, columns.len()))
+    Ok((basis, columns.len(), (made_of, turns)))
 }
 
 fn cross3<T: Scalar>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {

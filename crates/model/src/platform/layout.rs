@@ -26,6 +26,8 @@ pub struct Layout {
     pub constant: bool,
     /// Rank of the lateral rows of the fixed wheels.
     pub fixed_rank: usize,
+    /// The fixed wheels whose lateral rows are independent, and whether two of them leave a turn.
+    pub(crate) independent: (Vec<usize>, bool),
 }
 
 /// Index of yaw, cos yaw and sin yaw in the state.

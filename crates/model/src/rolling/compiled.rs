@@ -6,7 +6,7 @@ use super::{Rolling, is_zero};
 use crate::drive::Winding;
 use crate::dynamics::{Dynamics, Sizes, Work};
 use crate::planar::{Vec2, vec2};
-use crate::platform::{LEDGER, MAX_WHEELS, POSE, Platform, Reduced, YAW, straighten};
+use crate::platform::{LEDGER, MAX_WHEELS, POSE, Platform, Reduced, YAW, renew_angle, straighten};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, product, zero_row};
 use crate::wheel::Wheel;
@@ -335,7 +335,14 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         }
         let mut mobility = Mobility::new(U, &constant.inverse);
         let still = [T::zero(); MAX_WHEELS];
-        rolling.hold(&constant.reduced, &stuck, &still, &mut mobility, v_rate);
+        super::friction::hold(
+            rolling,
+            &constant.reduced,
+            &stuck,
+            &still,
+            &mut mobility,
+            v_rate,
+        );
     }
 }
 
@@ -376,11 +383,19 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, 
     }
     #[inline(always)]
     fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
-        self.rolling.decide(x, u, mode);
+        if !PLAIN {
+            self.rolling.decide(x, u, mode);
+        }
     }
     #[inline(always)]
     fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
-        self.rolling.settle(x, u, mode);
+        renew_angle(x, YAW);
+        for k in 0..K {
+            renew_angle(x, Compiled::<T, U, W, M, K>::SWIVELS + 3 * k);
+        }
+        if !PLAIN && self.rolling.any_rubs {
+            super::come_to_rest(self.rolling, x, u, mode);
+        }
     }
     #[inline(always)]
     fn straighten(&self, stage: &mut [T]) {
@@ -417,15 +432,18 @@ macro_rules! shapes {
                 reduced: &Reduced<T>,
                 inverse: &Square<T>,
             ) -> Option<Self> {
-                $(if let Some(compiled) = Compiled::new(platform, axles, reduced, inverse) {
-                    return Some(Shape::$name(compiled));
+                // Of many lanes, those with motors: each size is half a minute of compiling.
+                $(if $m > 0 || T::LANES == 1 {
+                    if let Some(compiled) = Compiled::new(platform, axles, reduced, inverse) {
+                        return Some(Shape::$name(compiled));
+                    }
                 })*
                 None
             }
 
             /// The derivative, where the caller does not know the sizes.
-            #[inline(never)]
-            pub(super) fn derivative(
+            #[inline(always)]
+            fn derivative(
                 &self,
                 rolling: &Rolling<T>,
                 x: &[T],
@@ -454,6 +472,8 @@ macro_rules! shapes {
                     $(Shape::$name(compiled) => if $m > 0 && plain {
                         let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    } else if T::LANES > 1 {
+                        job.run::<0, 0, _>(rolling)
                     } else {
                         let twin = Twin::<_, $u, $w, $m, $k, false> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
@@ -462,6 +482,20 @@ macro_rules! shapes {
             }
         }
     };
+}
+
+fused! {
+    /// See [`Shape::derivative`].
+    pub(super) fn derivative<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        dx: &mut [T],
+    ) {
+        shape.derivative(rolling, x, u, mode, dx);
+    }
 }
 
 // Two driven wheels on an axle with up to two casters, as torque or motor drives.

@@ -1,5 +1,6 @@
 //! Forces of the ground on the wheels, and the outputs that rest on them. `[eq:multipliers]`
 
+use super::friction::holding_torques;
 use super::{Forces, Rolling};
 use crate::planar::{Vec2, vec2};
 use crate::platform::{MAX_WHEELS, Platform, Reduced};
@@ -25,7 +26,7 @@ impl<T: Scalar> Rolling<T> {
         let v = &x[layout.velocity()..layout.velocity() + n];
         let sticking = (0..layout.wheels).any(|i| forces.actions[i].stuck.any());
         let held = if sticking {
-            self.holding_torques(x, reduced, forces)
+            holding_torques(self, x, reduced, forces)
         } else {
             [T::zero(); MAX_WHEELS]
         };

@@ -7,7 +7,7 @@ use crate::solve::{Condition, Mobility, Row, dot, product, solve_semidefinite, z
 
 impl<T: Scalar> Rolling<T> {
     /// Narrows accelerations to those that leave the sticking wheels at rest. `[eq:stick]`
-    #[inline(never)]
+    #[inline(always)]
     pub(super) fn hold(
         &self,
         reduced: &Reduced<T>,
@@ -41,7 +41,7 @@ impl<T: Scalar> Rolling<T> {
 
     /// Takes from the velocities what steered and sticking wheels forbid, at the least cost of
     /// energy, which goes to the ledger as heat.
-    #[inline(never)]
+    #[inline(always)]
     pub(super) fn project(&self, x: &mut [T], u: &[T], mode: &[T], reduced: &Reduced<T>) {
         let layout = self.platform.layout();
         let n = layout.dof();
@@ -73,7 +73,7 @@ impl<T: Scalar> Rolling<T> {
     }
 
     /// Torques that hold the sticking wheels at rest, N·m; zero for the others. `[eq:stick]`
-    #[inline(never)]
+    #[inline(always)]
     pub(super) fn holding_torques(
         &self,
         x: &[T],
@@ -85,7 +85,7 @@ impl<T: Scalar> Rolling<T> {
         const RIDGE: f64 = 1e-11;
         let layout = self.platform.layout();
         let (n, wheels) = (layout.dof(), layout.wheels);
-        let (free, mobility) = self.steered_acceleration(x, reduced, forces);
+        let (free, mobility) = super::steered_acceleration(self, x, reduced, forces);
         let mut matrix = [[T::zero(); MAX_WHEELS]; MAX_WHEELS];
         let mut right = [T::zero(); MAX_WHEELS];
         for i in 0..wheels {
@@ -104,12 +104,12 @@ impl<T: Scalar> Rolling<T> {
     }
 
     /// Lets go of the resting wheels that are pushed harder than their friction holds. `[eq:stick]`
-    #[inline(never)]
+    #[inline(always)]
     pub(super) fn release(&self, x: &[T], u: &[T], mode: &mut [T], reduced: &Reduced<T>) {
         let layout = self.platform.layout();
         for _ in 0..layout.wheels {
             let forces = self.forces(x, u, mode, reduced);
-            let held = self.holding_torques(x, reduced, &forces);
+            let held = holding_torques(self, x, reduced, &forces);
             // The one that is asked for most beyond its bound lets go, and the rest is asked again.
             let mut worst = T::zero();
             for i in 0..layout.wheels {
@@ -129,5 +129,54 @@ impl<T: Scalar> Rolling<T> {
                 mode[i] = T::select(lets_go, -T::one().copysign(held[i]), mode[i]);
             }
         }
+    }
+}
+
+fused! {
+    /// See [`Rolling::holding_torques`].
+    pub(super) fn holding_torques<T: Scalar>(
+        rolling: &Rolling<T>,
+        x: &[T],
+        reduced: &Reduced<T>,
+        forces: &Forces<T>,
+    ) -> [T; MAX_WHEELS] {
+        rolling.holding_torques(x, reduced, forces)
+    }
+}
+fused! {
+    /// See [`Rolling::hold`].
+    pub(super) fn hold<T: Scalar>(
+        rolling: &Rolling<T>,
+        reduced: &Reduced<T>,
+        stuck: &[T::Mask; MAX_WHEELS],
+        convective: &[T; MAX_WHEELS],
+        mobility: &mut Mobility<T>,
+        v_rate: &mut [T],
+    ) {
+        rolling.hold(reduced, stuck, convective, mobility, v_rate);
+    }
+}
+fused! {
+    /// See [`Rolling::release`].
+    pub(super) fn release<T: Scalar>(
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &mut [T],
+        reduced: &Reduced<T>,
+    ) {
+        rolling.release(x, u, mode, reduced);
+    }
+}
+fused! {
+    /// See [`Rolling::project`].
+    pub(super) fn project<T: Scalar>(
+        rolling: &Rolling<T>,
+        x: &mut [T],
+        u: &[T],
+        mode: &[T],
+        reduced: &Reduced<T>,
+    ) {
+        rolling.project(x, u, mode, reduced);
     }
 }

@@ -1,11 +1,17 @@
 //! The follower of a path: speed, progress and turning on the spot, round a law.
 
-use appell_model::math::single::sin_cos;
-use appell_model::math::wrap_angle;
+use std::sync::Arc;
 
-use super::law::{Command, Place};
-use crate::block::{Block, BlockError, Port, restore_numbers, save_numbers};
-use crate::plan::{Path, SpeedLimits};
+use appell_model::lanewise;
+use appell_model::lanewise::Lanewise;
+use appell_model::math::wrap_angle;
+use appell_model::scalar::{Mask, Scalar};
+
+use super::law::{Place, clamp};
+use super::track::{Track, Tracks};
+use crate::block::{Kernel, Now, Port, Wired, restore_numbers, save_numbers};
+use crate::build::Values;
+use crate::plan::SpeedLimits;
 use crate::scenario::{Follower as Tuning, Heading, Law, PoseSource};
 
 /// Follows a path: planned among the beacons, or given as a route.
@@ -14,33 +20,63 @@ use crate::scenario::{Follower as Tuning, Heading, Law, PoseSource};
 /// the distance `lookahead` (C. Samson, *Control of chained systems: application to path following
 /// and time-varying point-stabilization of mobile robots*, IEEE TAC 40(1) 1995). Where the path
 /// points elsewhere, a robot that can turns on the spot first.
-pub struct PathFollower {
-    inputs: Vec<Port>,
-    outputs: Vec<Port>,
-    path: Path,
-    /// Squared speed limit at each path point, m²/s².
-    limits: Vec<f64>,
-    tuning: Tuning,
+pub type PathFollower<T> = Wired<Follower<T>>;
+
+/// What follows a path; see [`PathFollower`].
+pub struct Follower<T: Scalar> {
+    path: Tracks<T>,
+    law: Law,
+    heading: Heading,
+    speed: T,
+    acceleration: T,
+    lateral_acceleration: T,
+    yaw_rate: T,
+    yaw_acceleration: T,
+    lookahead: T,
     /// Whether it can turn on the spot.
     turns: bool,
     /// Heading at the start, rad.
-    heading: f64,
-    state: State,
+    start: T,
+    state: State<T>,
 }
 
-/// What the follower remembers, as numbers so that it can be saved.
-#[derive(Clone, Copy, Debug, Default)]
-struct State {
+/// What the follower remembers.
+#[derive(Clone, Copy, Debug)]
+struct State<T> {
     /// Progress along the path, m.
-    progress: f64,
+    progress: T,
     /// Commanded speed along the path, m/s.
-    speed: f64,
+    speed: T,
     /// Commanded yaw rate, rad/s.
-    yaw_rate: f64,
+    yaw_rate: T,
     /// 1 while turning on the spot.
-    turning: f64,
+    turning: T,
     /// Commanded speeds forward and to the left, m/s.
-    velocity: [f64; 2],
+    velocity: [T; 2],
+}
+
+impl<T: Scalar> State<T> {
+    fn numbers(&self) -> [T; 6] {
+        let [forward, left] = self.velocity;
+        [
+            self.progress,
+            self.speed,
+            self.yaw_rate,
+            self.turning,
+            forward,
+            left,
+        ]
+    }
+
+    fn of(n: [T; 6]) -> Self {
+        State {
+            progress: n[0],
+            speed: n[1],
+            yaw_rate: n[2],
+            turning: n[3],
+            velocity: [n[4], n[5]],
+        }
+    }
 }
 
 /// Heading error at which the follower stops to turn on the spot, and at which it drives on, rad.
@@ -50,235 +86,278 @@ const SLOWEST: f64 = 0.15;
 /// Yaw rate per heading error where the heading is turned for itself, 1/s.
 const TURN_GAIN: f64 = 3.0;
 
-impl PathFollower {
-    /// A follower of `path` for robot `name`, which starts with a heading, rad, and may be able to
-    /// turn on the spot.
-    pub fn new(name: &str, path: Path, tuning: &Tuning, heading: f64, turns: bool) -> Self {
-        let robot = format!("robot.{name}");
-        let port = |path: &str, unit: &str| Port::new(format!("{robot}.{path}"), unit);
-        let source = match tuning.pose {
-            PoseSource::Truth => "pose",
-            PoseSource::PoseSensor => "sensor.pose",
-            PoseSource::Odometry => "sensor.odometry",
-        };
-        let limits = SpeedLimits {
-            speed: tuning.speed,
-            acceleration: tuning.acceleration,
-            lateral_acceleration: tuning.lateral_acceleration,
-            yaw_rate: match tuning.heading {
-                Heading::Hold => f64::INFINITY,
-                Heading::Steer | Heading::Along => tuning.yaw_rate,
-            },
-        };
-        let squared = path.speed_profile(&limits).iter().map(|v| v * v).collect();
-        PathFollower {
-            // The true position serves only to report the true offset.
-            inputs: vec![
-                port(&format!("{source}.x"), "m"),
-                port(&format!("{source}.y"), "m"),
-                port(&format!("{source}.yaw"), "rad"),
-                port("pose.x", "m"),
-                port("pose.y", "m"),
-            ],
-            outputs: vec![
-                port("command.forward", "m/s"),
-                port("command.left", "m/s"),
-                port("command.yaw_rate", "rad/s"),
-                port("path.offset", "m"),
-                port("path.progress", "m"),
-                port("path.error.x", "m"),
-                port("path.error.y", "m"),
-                port("path.error.yaw", "rad"),
-            ],
-            path,
-            limits: squared,
-            tuning: tuning.clone(),
-            turns,
-            heading,
-            state: State::default(),
-        }
+macro_rules! same_in_all_lanes {
+    ($($type:ty),*) => {
+        $(impl Lanewise for $type {
+            type One = $type;
+
+            fn fits(&self, one: &$type) -> bool {
+                self == one
+            }
+
+            fn put(&mut self, _lane: usize, _one: &$type) {}
+        })*
+    };
+}
+
+same_in_all_lanes!(Law, Heading);
+lanewise!(State {
+    progress,
+    speed,
+    yaw_rate,
+    turning,
+    velocity
+});
+
+impl<T: Scalar> Lanewise for Follower<T> {
+    type One = Follower<f64>;
+
+    fn fits(&self, one: &Follower<f64>) -> bool {
+        self.law == one.law && self.heading == one.heading && self.turns == one.turns
     }
 
-    /// Speed limit at arc length s, m/s: between points the lowest of what can be reached from the one
-    /// before, be braked from to the one after, and is allowed at either.
-    fn limit(&self, s: f64) -> f64 {
-        let last = self.limits.len() - 1;
-        if last == 0 {
-            return 0.0;
-        }
-        let steps = (s / self.path.ds).clamp(0.0, last as f64);
-        let k = (steps.floor() as usize).min(last - 1);
-        let gain = 2.0 * self.tuning.acceleration * self.path.ds;
-        let share = steps - k as f64;
-        let (before, after) = (self.limits[k], self.limits[k + 1]);
-        let reached = before + share * gain;
-        let braked = after + (1.0 - share) * gain;
-        reached.min(braked).min(before.max(after)).sqrt()
+    fn put(&mut self, lane: usize, one: &Follower<f64>) {
+        self.path.put(lane, &one.path);
+        self.speed.put(lane, &one.speed);
+        self.acceleration.put(lane, &one.acceleration);
+        self.lateral_acceleration
+            .put(lane, &one.lateral_acceleration);
+        self.yaw_rate.put(lane, &one.yaw_rate);
+        self.yaw_acceleration.put(lane, &one.yaw_acceleration);
+        self.lookahead.put(lane, &one.lookahead);
+        self.start.put(lane, &one.start);
+        self.state.put(lane, &one.state);
     }
+}
 
-    /// Where a point is beside the path's point at arc length s: before it m, left of it m, its
-    /// heading rad, its curvature 1/m.
-    fn beside(&self, x: f64, y: f64, s: f64) -> (f64, f64, f64, f64) {
-        let (point, heading, curvature) = self.path.at(s);
-        let (sin, cos) = sin_cos(heading);
-        let (dx, dy) = (x - point[0], y - point[1]);
-        (dx * cos + dy * sin, dy * cos - dx * sin, heading, curvature)
+/// A follower of a path for robot `name`, which starts with a heading, rad, and may be able to turn on
+/// the spot.
+pub fn path_follower<T: Scalar>(
+    name: &str,
+    path: &Arc<Track>,
+    tuning: &Tuning,
+    heading: T,
+    turns: bool,
+    values: &Values<'_, T>,
+) -> PathFollower<T> {
+    let robot = format!("robot.{name}");
+    let port = |path: &str, unit: &str| Port::new(format!("{robot}.{path}"), unit);
+    let source = match tuning.pose {
+        PoseSource::Truth => "pose",
+        PoseSource::PoseSensor => "sensor.pose",
+        PoseSource::Odometry => "sensor.odometry",
+    };
+    let at = |key: &str, value: f64| values.at(format_args!("{robot}.controller.{key}"), value);
+    let speed = at("speed", tuning.speed);
+    let acceleration = at("acceleration", tuning.acceleration);
+    let lateral_acceleration = at("lateral_acceleration", tuning.lateral_acceleration);
+    let yaw_rate = at("yaw_rate", tuning.yaw_rate);
+    let limits = SpeedLimits {
+        speed: speed.single(0),
+        acceleration: acceleration.single(0),
+        lateral_acceleration: lateral_acceleration.single(0),
+        yaw_rate: match tuning.heading {
+            Heading::Hold => T::Single::from(f64::INFINITY),
+            Heading::Steer | Heading::Along => yaw_rate.single(0),
+        },
+    };
+    let follower = Follower {
+        path: Tracks::new(path.clone(), Arc::new(path.squared_limits(&limits))),
+        law: tuning.law,
+        heading: tuning.heading,
+        speed,
+        acceleration,
+        lateral_acceleration,
+        yaw_rate,
+        yaw_acceleration: at("yaw_acceleration", tuning.yaw_acceleration),
+        lookahead: at("lookahead", tuning.lookahead),
+        turns,
+        start: heading,
+        state: State::of([T::zero(); 6]),
+    };
+    // The true position serves only to report the true offset.
+    let inputs = vec![
+        port(&format!("{source}.x"), "m"),
+        port(&format!("{source}.y"), "m"),
+        port(&format!("{source}.yaw"), "rad"),
+        port("pose.x", "m"),
+        port("pose.y", "m"),
+    ];
+    let outputs = vec![
+        port("command.forward", "m/s"),
+        port("command.left", "m/s"),
+        port("command.yaw_rate", "rad/s"),
+        port("path.offset", "m"),
+        port("path.progress", "m"),
+        port("path.error.x", "m"),
+        port("path.error.y", "m"),
+        port("path.error.yaw", "rad"),
+    ];
+    Wired::new(inputs, outputs, follower)
+}
+
+/// Where a point is beside a point of a path.
+struct Beside<T> {
+    /// Before it, m.
+    along: T,
+    /// Left of it, m.
+    offset: T,
+    /// Heading of the path, rad.
+    heading: T,
+    /// Curvature of the path, 1/m.
+    curvature: T,
+}
+
+impl<T: Scalar> Follower<T> {
+    /// Where a point is beside the path's point at arc length s.
+    #[inline(always)]
+    fn beside(&self, x: T, y: T, s: T) -> Beside<T> {
+        let point = self.path.at(s);
+        let (sin, cos) = point.heading.sin_cos();
+        let (dx, dy) = (x - point.place[0], y - point.place[1]);
+        Beside {
+            along: dx * cos + dy * sin,
+            offset: dy * cos - dx * sin,
+            heading: point.heading,
+            curvature: point.curvature,
+        }
     }
 
     /// Moves the point that the errors are taken from on by a period `dt`, s.
-    fn progress(&self, state: &mut State, x: f64, y: f64, dt: f64) {
-        if self.tuning.law == Law::Kanayama {
+    #[inline(always)]
+    fn progress(&self, state: &mut State<T>, x: T, y: T, dt: T) {
+        if self.law == Law::Kanayama {
             // The reference goes its own way, but waits for a robot that is far behind.
-            let (along, ..) = self.beside(x, y, state.progress);
-            let patience = (2.0 + along / self.tuning.lookahead).clamp(0.0, 1.0);
-            let step = patience * state.speed * dt;
+            let along = self.beside(x, y, state.progress).along;
+            let patience = T::from(2.0) + along / self.lookahead;
+            let step = clamp(patience, T::zero(), T::one()) * state.speed * dt;
             state.progress = (state.progress + step).min(self.path.length);
             return;
         }
         // The foot of the robot on the path moves forward only, and no faster than twice the robot.
+        let reach = T::from(2.0) * (state.speed + self.acceleration * dt) * dt;
         for _ in 0..2 {
-            let (along, offset, _, curvature) = self.beside(x, y, state.progress);
-            let reach = 2.0 * (state.speed + self.tuning.acceleration * dt) * dt;
-            let bend = (1.0 - curvature * offset).max(0.2);
-            state.progress =
-                (state.progress + (along / bend).clamp(0.0, reach)).min(self.path.length);
+            let beside = self.beside(x, y, state.progress);
+            let bend = (T::one() - beside.curvature * beside.offset).max(T::from(0.2));
+            let step = clamp(beside.along / bend, T::zero(), reach);
+            state.progress = (state.progress + step).min(self.path.length);
         }
     }
 
     /// Speed along the path, m/s, for a robot `offset` beside it.
-    fn speed(&self, state: &State, offset: f64, dt: f64) -> f64 {
-        let step = self.tuning.acceleration * dt;
-        let way = (state.speed + 0.5 * step).min(self.tuning.speed) * dt;
-        let off = offset / (0.4 * self.tuning.lookahead);
-        let slack = (1.0 / (1.0 + off * off)).max(SLOWEST);
-        self.limit(state.progress + way) * slack
+    #[inline(always)]
+    fn speed(&self, state: &State<T>, offset: T, dt: T) -> T {
+        let step = self.acceleration * dt;
+        let way = (state.speed + T::from(0.5) * step).min(self.speed) * dt;
+        let off = offset / (T::from(0.4) * self.lookahead);
+        let slack = (T::one() / (T::one() + off * off)).max(T::from(SLOWEST));
+        self.path.limit(state.progress + way, self.acceleration) * slack
     }
 }
 
-impl Block for PathFollower {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
-    }
-
-    fn step(
-        &mut self,
-        _tick: u64,
-        _t: f64,
-        dt: f64,
-        input: &[f64],
-        output: &mut [f64],
-    ) -> Result<(), BlockError> {
+impl<T: Scalar> Kernel<T> for Follower<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
         let [x, y, yaw] = [input[0], input[1], input[2]];
-        let tuning = &self.tuning;
+        let (zero, dt) = (T::zero(), T::from(now.dt));
         let mut state = self.state;
         self.progress(&mut state, x, y, dt);
-        let (along, offset, heading, curvature) = self.beside(x, y, state.progress);
+        let beside = self.beside(x, y, state.progress);
+        let (offset, heading_error) = (beside.offset, wrap_angle(yaw - beside.heading));
         let place = Place {
             path: &self.path,
             progress: state.progress,
             pose: [x, y, yaw],
-            along,
+            along: beside.along,
             offset,
-            heading_error: wrap_angle(yaw - heading),
-            lookahead: tuning.lookahead,
-            speed_max: tuning.speed,
+            heading_error,
+            lookahead: self.lookahead,
+            speed_max: self.speed,
         };
-        let left = self.path.length - state.progress - along.min(0.0);
-        let arrived = left < 0.002;
-        let step = tuning.acceleration * dt;
+        let left = self.path.length - state.progress - beside.along.min(zero);
+        let arrived = left.less(T::from(0.002));
+        let step = self.acceleration * dt;
         // Speeds change no faster than the tuning allows; braking may use half as much again.
-        let braked = state.speed - 1.5 * step;
-        let heading_error = place.heading_error;
-        let mut command = Command::default();
-        if tuning.heading == Heading::Steer {
-            let turn = if state.turning > 0.5 { TURN.1 } else { TURN.0 };
-            let astray = heading_error.abs() > turn && !arrived && self.turns;
-            state.turning = f64::from(u8::from(astray));
-            if arrived {
-                // Stands at the end of the path.
-                state.speed = braked.max(0.0);
-                command.forward = state.speed;
-            } else if astray {
-                state.speed = braked.max(0.0);
-                command.forward = state.speed;
-                command.yaw_rate =
-                    (-TURN_GAIN * heading_error).clamp(-tuning.yaw_rate, tuning.yaw_rate);
-                if state.speed > 0.05 {
-                    // Brakes along the path before it turns.
-                    command.yaw_rate *= 0.3;
-                }
-            } else {
-                let (_, cosine) = sin_cos(heading_error);
-                let speed = self.speed(&state, offset, dt) * cosine.max(0.2);
-                state.speed = speed.min(state.speed + step).max(braked);
-                command = place.steer(tuning.law, state.speed);
-            }
+        let braked = state.speed - T::from(1.5) * step;
+        let faster = state.speed + step;
+        let allowed = self.speed(&state, offset, dt);
+        let mut command;
+        if self.heading == Heading::Steer {
+            let turning = T::from(0.5).less(state.turning);
+            let turn = T::select(turning, T::from(TURN.1), T::from(TURN.0));
+            let astray = turn.less(heading_error.abs()).and(arrived.not());
+            let astray = astray.and(T::Mask::splat(self.turns));
+            state.turning = T::select(astray, T::one(), zero);
+            let (_, cosine) = heading_error.sin_cos();
+            let speed = allowed * cosine.max(T::from(0.2));
+            let moving = speed.min(faster).max(braked);
+            // It stands at the end of the path, and brakes along the path before it turns.
+            let stands = arrived.or(astray);
+            state.speed = T::select(stands, braked.max(zero), moving);
+            command = place.steer(self.law, state.speed);
+            let spin = clamp(
+                T::from(-TURN_GAIN) * heading_error,
+                -self.yaw_rate,
+                self.yaw_rate,
+            );
+            let rolls = T::from(0.05).less(state.speed);
+            let spin = T::select(rolls, spin * T::from(0.3), spin);
+            command.forward = T::select(stands, state.speed, command.forward);
+            command.left = T::select(stands, zero, command.left);
+            let still = T::select(astray, spin, zero);
+            command.yaw_rate = T::select(stands, still, command.yaw_rate);
         } else {
-            let speed = if arrived {
-                0.0
+            let speed = T::select(arrived, zero, allowed);
+            state.speed = speed.min(faster).max(braked);
+            command = place.move_sideways(self.law, state.speed);
+            let (wanted, rate) = if self.heading == Heading::Along {
+                let bend = (T::one() - beside.curvature * offset).max(T::from(0.2));
+                (beside.heading, state.speed * (beside.curvature / bend))
             } else {
-                self.speed(&state, offset, dt)
+                (self.start, zero)
             };
-            state.speed = speed.min(state.speed + step).max(braked);
-            command = place.move_sideways(tuning.law, state.speed);
-            let (wanted, rate) = match tuning.heading {
-                Heading::Along => {
-                    let bend = curvature / (1.0 - curvature * offset).max(0.2);
-                    (heading, state.speed * bend)
-                }
-                Heading::Steer | Heading::Hold => (self.heading, 0.0),
-            };
-            command.yaw_rate = rate - TURN_GAIN * wrap_angle(yaw - wanted);
+            command.yaw_rate = rate - T::from(TURN_GAIN) * wrap_angle(yaw - wanted);
         }
-        if tuning.law == Law::Kanayama {
+        if self.law == Law::Kanayama {
             // It asks for speed in proportion to how far the robot is behind.
-            let change = 1.5 * tuning.acceleration.max(tuning.lateral_acceleration) * dt;
+            let most = self.acceleration.max(self.lateral_acceleration);
+            let change = T::from(1.5) * most * dt;
             let [forward, left] = state.velocity;
-            command.forward = command.forward.clamp(forward - change, forward + change);
-            command.left = command.left.clamp(left - change, left + change);
+            command.forward = clamp(command.forward, forward - change, forward + change);
+            command.left = clamp(command.left, left - change, left + change);
         }
         state.velocity = [command.forward, command.left];
-        let wanted = command.yaw_rate.clamp(-tuning.yaw_rate, tuning.yaw_rate);
-        let turn_step = tuning.yaw_acceleration * dt;
-        state.yaw_rate = wanted.clamp(state.yaw_rate - turn_step, state.yaw_rate + turn_step);
-        let (ahead, ..) = self.beside(input[3], input[4], state.progress);
-        let (_, true_offset, ..) = self.beside(input[3], input[4], state.progress + ahead);
-        let [x_error, y_error, yaw_error] = place.error();
+        let wanted = clamp(command.yaw_rate, -self.yaw_rate, self.yaw_rate);
+        let turn_step = self.yaw_acceleration * dt;
+        state.yaw_rate = clamp(
+            wanted,
+            state.yaw_rate - turn_step,
+            state.yaw_rate + turn_step,
+        );
+        let ahead = self.beside(input[3], input[4], state.progress).along;
+        let true_offset = self
+            .beside(input[3], input[4], state.progress + ahead)
+            .offset;
+        let error = place.error();
+        output[0] = command.forward;
+        output[1] = command.left;
+        output[2] = state.yaw_rate;
+        output[3] = true_offset;
+        output[4] = state.progress;
+        output[5] = error[0];
+        output[6] = error[1];
+        output[7] = error[2];
         self.state = state;
-        output.copy_from_slice(&[
-            command.forward,
-            command.left,
-            state.yaw_rate,
-            true_offset,
-            state.progress,
-            x_error,
-            y_error,
-            yaw_error,
-        ]);
-        Ok(())
     }
 
     fn save(&self, bytes: &mut Vec<u8>) {
-        let s = &self.state;
-        let [forward, left] = s.velocity;
-        let numbers = [s.progress, s.speed, s.yaw_rate, s.turning, forward, left];
-        save_numbers(&numbers, bytes);
+        save_numbers(&self.state.numbers(), bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
-        let mut n = [0.0; 6];
-        let used = restore_numbers(&mut n, bytes)?;
-        self.state = State {
-            progress: n[0],
-            speed: n[1],
-            yaw_rate: n[2],
-            turning: n[3],
-            velocity: [n[4], n[5]],
-        };
+        let mut numbers = [T::zero(); 6];
+        let used = restore_numbers(&mut numbers, bytes)?;
+        self.state = State::of(numbers);
         Some(used)
     }
 }

@@ -1,10 +1,10 @@
 //! Laws of path following: from where a robot is beside its path to how it should move.
 
-use appell_model::math::single::{atan2, sin_cos};
-use appell_model::math::wrap_angle;
+use appell_model::math::{hypot, wrap_angle};
 use appell_model::pose_error::PoseError;
+use appell_model::scalar::Scalar;
 
-use crate::plan::Path;
+use super::track::{Point, Tracks};
 use crate::scenario::Law;
 
 /// Time by which the commands lead, for the lag of drives and hold, s.
@@ -15,34 +15,34 @@ const DAMPING: f64 = 1.8;
 const STANLEY_MAX: f64 = 1.2;
 
 /// A robot beside its path.
-pub struct Place<'a> {
+pub struct Place<'a, T: Scalar> {
     /// The path.
-    pub path: &'a Path,
+    pub path: &'a Tracks<T>,
     /// Arc length of the point of the path that the errors are taken from, m.
-    pub progress: f64,
+    pub progress: T,
     /// Pose of the robot: m, m, rad.
-    pub pose: [f64; 3],
+    pub pose: [T; 3],
     /// How far the robot is before that point, along the path, m.
-    pub along: f64,
+    pub along: T,
     /// How far the robot is to the left of the path, m.
-    pub offset: f64,
+    pub offset: T,
     /// Heading of the robot less that of the path, rad.
-    pub heading_error: f64,
+    pub heading_error: T,
     /// Distance over which errors are to be driven out, m.
-    pub lookahead: f64,
+    pub lookahead: T,
     /// Largest speed, m/s.
-    pub speed_max: f64,
+    pub speed_max: T,
 }
 
 /// A wanted twist: m/s, m/s, rad/s, in the robot's axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Command {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command<T> {
     /// Forward speed.
-    pub forward: f64,
+    pub forward: T,
     /// Speed to the left.
-    pub left: f64,
+    pub left: T,
     /// Yaw rate.
-    pub yaw_rate: f64,
+    pub yaw_rate: T,
 }
 
 /// Gains of offset (1/m²) and heading error (1/m) that minimize
@@ -50,56 +50,69 @@ pub struct Command {
 /// to first order, per length driven. L is the lookahead, m; κ in 1/m.
 ///
 /// The Riccati equation of two states has a closed form. `[eq:regulator]`
-pub fn regulator(curvature: f64, lookahead: f64) -> [f64; 2] {
-    let weight = 1.0 / (lookahead * lookahead);
+#[inline(always)]
+pub fn regulator<T: Scalar>(curvature: T, lookahead: T) -> [T; 2] {
+    let weight = T::one() / (lookahead * lookahead);
     let square = curvature * curvature;
     // √(κ⁴ + w²) − κ², without the difference.
     let root = (square * square + weight * weight).sqrt();
     let offset = weight * weight / (root + square);
-    [offset, (2.0 * offset + weight).sqrt()]
+    [offset, (T::from(2.0) * offset + weight).sqrt()]
 }
 
-impl Place<'_> {
-    /// Point, heading and curvature of the path at arc length `s`, m, straight on beyond its end.
-    fn ahead(&self, s: f64) -> ([f64; 2], f64, f64) {
-        let (point, heading, curvature) = self.path.at(s);
+/// A value within two bounds.
+#[inline(always)]
+pub fn clamp<T: Scalar>(value: T, low: T, high: T) -> T {
+    value.max(low).min(high)
+}
+
+impl<T: Scalar> Place<'_, T> {
+    /// The path at arc length `s`, m, straight on beyond its end.
+    #[inline(always)]
+    fn ahead(&self, s: T) -> Point<T> {
+        let point = self.path.at(s);
         let beyond = s - self.path.length;
-        if beyond <= 0.0 {
-            return (point, heading, curvature);
+        let past = T::zero().less(beyond);
+        let (sin, cos) = point.heading.sin_cos();
+        let on = |start: T, way: T| T::select(past, start + beyond * way, start);
+        Point {
+            place: [on(point.place[0], cos), on(point.place[1], sin)],
+            heading: point.heading,
+            curvature: T::select(past, T::zero(), point.curvature),
         }
-        let (sin, cos) = sin_cos(heading);
-        (
-            [point[0] + beyond * cos, point[1] + beyond * sin],
-            heading,
-            0.0,
-        )
     }
 
     /// Curvature of the path where the robot will be when its command takes effect, 1/m.
-    fn curvature(&self, speed: f64) -> f64 {
-        self.path.at(self.progress + speed * LEAD).2
+    #[inline(always)]
+    fn curvature(&self, speed: T) -> T {
+        self.path
+            .at(self.progress + speed * T::from(LEAD))
+            .curvature
     }
 
     /// The point of the path one lookahead on, from the robot: distance m, direction rad (world).
-    fn goal_point(&self) -> (f64, f64) {
-        let (goal, ..) = self.ahead(self.progress + self.lookahead);
+    #[inline(always)]
+    fn goal_point(&self) -> (T, T) {
+        let goal = self.ahead(self.progress + self.lookahead).place;
         let (dx, dy) = (goal[0] - self.pose[0], goal[1] - self.pose[1]);
-        (appell_model::math::hypot(dx, dy), atan2(dy, dx))
+        (hypot(dx, dy), dy.atan2(dx))
     }
 
     /// The twist of a robot that steers by turning, at a speed along the path, m/s.
-    pub fn steer(&self, law: Law, speed: f64) -> Command {
-        let gain = 1.0 / self.lookahead;
-        let (sine, cosine) = sin_cos(self.heading_error);
+    #[inline(always)]
+    pub fn steer(&self, law: Law, speed: T) -> Command<T> {
+        let gain = T::one() / self.lookahead;
+        let (sine, cosine) = self.heading_error.sin_cos();
+        let damping = T::from(DAMPING) * gain * sine;
         let bend = match law {
             Law::Samson => {
-                let feedback = gain * gain * self.offset + DAMPING * gain * sine;
+                let feedback = gain * gain * self.offset + damping;
                 self.curvature(speed) - feedback
             }
             Law::PurePursuit => {
                 let (distance, direction) = self.goal_point();
-                let (sine, _) = sin_cos(wrap_angle(direction - self.pose[2]));
-                2.0 * sine / distance.max(1e-6)
+                let (sine, _) = wrap_angle(direction - self.pose[2]).sin_cos();
+                T::from(2.0) * sine / distance.max(T::from(1e-6))
             }
             Law::Stanley => self.stanley(),
             Law::Lqr => {
@@ -109,44 +122,47 @@ impl Place<'_> {
             }
             Law::Kanayama => {
                 let error = self.error();
-                let (_, _, curvature) = self.path.at(self.progress);
+                let curvature = self.path.at(self.progress).curvature;
                 let catching_up = self.speed_max * gain * error[0];
-                let forward = (speed * cosine + catching_up).clamp(-self.speed_max, self.speed_max);
-                let feedback = gain * gain * error[1] - DAMPING * gain * sine;
+                let forward = speed * cosine + catching_up;
+                let feedback = gain * gain * error[1] - damping;
                 return Command {
-                    forward,
-                    left: 0.0,
+                    forward: clamp(forward, -self.speed_max, self.speed_max),
+                    left: T::zero(),
                     yaw_rate: speed * (curvature + feedback),
                 };
             }
         };
         Command {
             forward: speed,
-            left: 0.0,
+            left: T::zero(),
             yaw_rate: speed * bend,
         }
     }
 
     /// Curvature that a front wheel steers, which leads by the lookahead.
-    fn stanley(&self) -> f64 {
-        let (sine, cosine) = sin_cos(self.pose[2]);
+    #[inline(always)]
+    fn stanley(&self) -> T {
+        let (sine, cosine) = self.pose[2].sin_cos();
         let front = [
             self.pose[0] + self.lookahead * cosine,
             self.pose[1] + self.lookahead * sine,
         ];
-        let (_, cosine) = sin_cos(self.heading_error);
+        let (_, cosine) = self.heading_error.sin_cos();
         // Its foot on the path, by two corrections of where it would be on a straight one.
         let mut s = self.progress + self.along + self.lookahead * cosine;
-        let (mut offset, mut heading) = (0.0, 0.0);
+        let (mut offset, mut heading) = (T::zero(), T::zero());
         for _ in 0..3 {
-            let (point, along, curvature) = self.ahead(s.max(0.0));
-            let (sin, cos) = sin_cos(along);
-            let (dx, dy) = (front[0] - point[0], front[1] - point[1]);
-            (offset, heading) = (dy * cos - dx * sin, along);
-            s += (dx * cos + dy * sin) / (1.0 - curvature * offset).max(0.2);
+            let point = self.ahead(s.max(T::zero()));
+            let (sin, cos) = point.heading.sin_cos();
+            let (dx, dy) = (front[0] - point.place[0], front[1] - point.place[1]);
+            (offset, heading) = (dy * cos - dx * sin, point.heading);
+            let bend = (T::one() - point.curvature * offset).max(T::from(0.2));
+            s += (dx * cos + dy * sin) / bend;
         }
-        let angle = wrap_angle(heading - self.pose[2]) - atan2(offset, self.lookahead);
-        let (sine, cosine) = sin_cos(angle.clamp(-STANLEY_MAX, STANLEY_MAX));
+        let angle = wrap_angle(heading - self.pose[2]) - offset.atan2(self.lookahead);
+        let limit = T::from(STANLEY_MAX);
+        let (sine, cosine) = clamp(angle, -limit, limit).sin_cos();
         sine / cosine / self.lookahead
     }
 
@@ -154,37 +170,39 @@ impl Place<'_> {
     ///
     /// `[eq:sideways]` Its offset has a first-order motion: the laws of Samson and Stanley and the regulator agree on
     /// a direction that drives it out over the lookahead.
-    pub fn move_sideways(&self, law: Law, speed: f64) -> Command {
-        let (_, heading, _) = self.path.at(self.progress);
+    #[inline(always)]
+    pub fn move_sideways(&self, law: Law, speed: T) -> Command<T> {
+        let heading = self.path.at(self.progress).heading;
         let (speed, direction) = match law {
             Law::Samson | Law::Stanley | Law::Lqr => {
-                (speed, heading - atan2(self.offset, self.lookahead))
+                (speed, heading - self.offset.atan2(self.lookahead))
             }
             Law::PurePursuit => (speed, self.goal_point().1),
             Law::Kanayama => {
                 let error = self.error();
                 let gain = self.speed_max / self.lookahead;
-                let (sine, cosine) = sin_cos(-self.heading_error);
+                let (sine, cosine) = (-self.heading_error).sin_cos();
                 let wanted = [
                     speed * cosine + gain * error[0],
                     speed * sine + gain * error[1],
                 ];
-                let size = appell_model::math::hypot(wanted[0], wanted[1]);
-                let direction = self.pose[2] + atan2(wanted[1], wanted[0]);
+                let size = hypot(wanted[0], wanted[1]);
+                let direction = self.pose[2] + wanted[1].atan2(wanted[0]);
                 (size.min(self.speed_max), direction)
             }
         };
-        let (sine, cosine) = sin_cos(wrap_angle(direction - self.pose[2]));
+        let (sine, cosine) = wrap_angle(direction - self.pose[2]).sin_cos();
         Command {
             forward: speed * cosine,
             left: speed * sine,
-            yaw_rate: 0.0,
+            yaw_rate: T::zero(),
         }
     }
 
     /// Pose of the path's point in the robot's axes (x_e, y_e, θ_e): m, m, rad. `[eq:pose-error]`
-    pub fn error(&self) -> [f64; 3] {
-        let (point, ..) = self.path.at(self.progress);
+    #[inline(always)]
+    pub fn error(&self) -> [T; 3] {
+        let point = self.path.at(self.progress).place;
         let heading = self.pose[2] - self.heading_error;
         PoseError::of(self.pose, [point[0], point[1], heading])
     }

@@ -2,9 +2,13 @@
 
 use appell_model::math::single::{atan2, sin_cos};
 
+use std::sync::Arc;
+
 use super::super::law::{Place, regulator};
-use super::PathFollower;
-use crate::block::Block;
+use super::super::track::{Track, Tracks};
+use super::path_follower;
+use crate::block::{Block, Now};
+use crate::build::Values;
 use crate::plan::Path;
 use crate::route;
 use crate::scenario::{Follower, Heading, Law, Piece, Route};
@@ -26,16 +30,19 @@ fn path_of(piece: Vec<Piece>) -> Path {
 fn drive(path: &Path, law: Law, heading: Heading, start: [f64; 3], seconds: f64) -> Vec<[f64; 3]> {
     let mut tuning: Follower = toml::from_str("").expect("defaults");
     (tuning.law, tuning.heading) = (law, heading);
-    let mut follower = PathFollower::new("r", path.clone(), &tuning, start[2], true);
+    let track = Arc::new(Track::new(path));
+    let mut follower = path_follower("r", &track, &tuning, start[2], true, &Values::new(&[]));
     let dt = 0.005;
     let (mut pose, mut poses) = (start, vec![start]);
     let mut output = [0.0; 8];
     for tick in 0..(seconds / dt) as u64 {
         let input = [pose[0], pose[1], pose[2], pose[0], pose[1]];
-        let t = tick as f64 * dt;
-        follower
-            .step(tick, t, dt, &input, &mut output)
-            .expect("a step");
+        let now = Now {
+            ticks: &[tick],
+            t: tick as f64 * dt,
+            dt,
+        };
+        follower.step(&now, &input, &mut output).expect("a step");
         let [forward, left, turn] = [output[0], output[1], output[2]];
         // The chord of the arc points halfway.
         let (sin, cos) = sin_cos(pose[2] + 0.5 * turn * dt);
@@ -129,6 +136,7 @@ fn invariant_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
         radius: 2.0,
         angle_deg: 90.0,
     }]);
+    let tracks = Tracks::<f64>::new(Arc::new(Track::new(&path)), Arc::default());
     for k in 0..20 {
         let pose = [
             0.1 * f64::from(k),
@@ -140,7 +148,7 @@ fn invariant_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
         let (dx, dy) = (pose[0] - point[0], pose[1] - point[1]);
         let (sin, cos) = sin_cos(heading);
         let place = Place {
-            path: &path,
+            path: &tracks,
             progress: s,
             pose,
             along: dx * cos + dy * sin,

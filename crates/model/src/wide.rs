@@ -1,0 +1,74 @@
+//! The choice of the instruction set: work that is compiled for each, and done by the widest at hand.
+
+use crate::scalar::{Registers, Scalar};
+
+/// Work on numbers of one kind, `#[inline(always)]` with all that it calls: what stays a call is
+/// compiled without the instruction set that the work was entered with.
+pub trait Job: Sized {
+    /// What comes of it.
+    type Output;
+    /// Does it.
+    fn run(self) -> Self::Output;
+    /// Does it on a processor without vectors, where less is worth compiling.
+    #[inline(always)]
+    fn plain(self) -> Self::Output {
+        self.run()
+    }
+}
+
+/// Whether the processor has these registers.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(crate) fn has(registers: Registers) -> bool {
+    let fused =
+        std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma");
+    match registers {
+        Registers::Any => true,
+        Registers::Avx2 => fused,
+        Registers::Avx512 => {
+            fused
+                && std::arch::is_x86_feature_detected!("avx512f")
+                && std::arch::is_x86_feature_detected!("avx512dq")
+                && std::arch::is_x86_feature_detected!("avx512vl")
+                && std::arch::is_x86_feature_detected!("avx512bw")
+        }
+    }
+}
+
+/// Whether more than the instructions of any processor is at hand for numbers of this kind.
+#[inline(always)]
+pub(crate) fn is_at_hand<T: Scalar>() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return !matches!(T::REGISTERS, Registers::Any) || has(Registers::Avx2);
+    #[cfg(not(target_arch = "x86_64"))]
+    true
+}
+
+/// Does a job by the instructions that its numbers are made for. The bits are the same by all of
+/// them: every operation rounds by IEEE 754, and `mul_add` is fused everywhere.
+#[inline(always)]
+pub fn widest<T: Scalar, J: Job>(job: J) -> J::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2,fma")]
+        fn fused<J: Job>(job: J) -> J::Output {
+            job.run()
+        }
+        #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512vl,avx512bw")]
+        fn wide<J: Job>(job: J) -> J::Output {
+            job.run()
+        }
+        // SAFETY: numbers in registers exist only where the processor has those, and plain ones go
+        // this way only where it has them, too.
+        #[allow(unsafe_code)]
+        unsafe {
+            if matches!(T::REGISTERS, Registers::Avx512) {
+                return wide(job);
+            }
+            if matches!(T::REGISTERS, Registers::Avx2) || has(Registers::Avx2) {
+                return fused(job);
+            }
+        }
+    }
+    job.plain()
+}

@@ -1,0 +1,166 @@
+//! A path as a follower reads it, one in each lane.
+
+use std::sync::Arc;
+
+use appell_model::lanewise::Lanewise;
+use appell_model::scalar::Scalar;
+
+use crate::plan::{Path, SpeedLimits, speed_profile};
+
+/// A path, its points side by side in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Arc length between neighboring points, m.
+    ds: f64,
+    length: f64,
+    /// x, y, heading, curvature.
+    points: Vec<[f64; 4]>,
+}
+
+impl Track {
+    /// The points of a path.
+    pub fn new(path: &Path) -> Self {
+        let point = |k: usize| {
+            let [x, y] = path.points[k];
+            [x, y, path.heading[k], path.curvature[k]]
+        };
+        Track {
+            ds: path.ds,
+            length: path.length,
+            points: (0..path.points.len()).map(point).collect(),
+        }
+    }
+
+    /// Squared largest speed at each point that keeps the limits, from rest to rest, m²/s²: speed, m/s,
+    /// acceleration along and across the path, m/s², and yaw rate, rad/s.
+    pub fn squared_limits<T: Scalar>(&self, limits: &SpeedLimits<T>) -> Vec<T> {
+        let curvature = self.points.iter().map(|point| point[3]);
+        let speed = speed_profile(curvature, self.ds, limits).into_iter();
+        speed.map(|v| v * v).collect()
+    }
+}
+
+/// The paths of all lanes, with their speed limits.
+#[derive(Clone, Debug)]
+pub struct Tracks<T: Scalar> {
+    paths: Vec<Arc<Track>>,
+    /// Squared speed limit at each point, m²/s².
+    limits: Vec<Arc<Vec<T::Single>>>,
+    ds: T,
+    /// Length of the path, m.
+    pub length: T,
+    /// Index of the last point.
+    last: T,
+}
+
+/// A point of a path.
+#[derive(Clone, Copy, Debug)]
+pub struct Point<T> {
+    /// x and y, m.
+    pub place: [T; 2],
+    /// Direction of the path, rad.
+    pub heading: T,
+    /// Curvature, positive to the left, 1/m.
+    pub curvature: T,
+}
+
+impl<T: Scalar> Tracks<T> {
+    /// The same path in all lanes.
+    pub fn new(path: Arc<Track>, limits: Arc<Vec<T::Single>>) -> Self {
+        Tracks {
+            ds: T::from(path.ds),
+            length: T::from(path.length),
+            last: T::from((path.points.len() - 1) as f64),
+            paths: vec![path; T::LANES],
+            limits: vec![limits; T::LANES],
+        }
+    }
+
+    /// How many points lie before arc length s, m, with the fraction of the next step.
+    #[inline(always)]
+    fn steps(&self, s: T) -> T {
+        let positive = T::zero().less(self.ds);
+        let ds = T::select(positive, self.ds, T::one());
+        let steps = (s / ds).max(T::zero()).min(self.last);
+        T::select(positive, steps, T::zero())
+    }
+
+    /// The point before each lane's place, and the one after it.
+    #[inline(always)]
+    fn neighbors(&self, steps: T, lane: usize) -> (usize, usize) {
+        let last = self.paths[lane].points.len() - 1;
+        let k = (steps.lane(lane) as usize).min(last.saturating_sub(1));
+        (k, (k + 1).min(last))
+    }
+
+    /// The point at arc length `s`, m, which is clamped to the path.
+    #[inline(always)]
+    pub fn at(&self, s: T) -> Point<T> {
+        let steps = self.steps(s);
+        let mut before = [[0.0; 4]; LANES_MAX];
+        let mut after = [[0.0; 4]; LANES_MAX];
+        let mut places = [0.0; LANES_MAX];
+        for lane in 0..T::LANES {
+            let (k, next) = self.neighbors(steps, lane);
+            let points = &self.paths[lane].points;
+            before[lane] = points[k];
+            after[lane] = points[next];
+            places[lane] = k as f64;
+        }
+        let fraction = steps - T::from_lanes(|lane| places[lane]);
+        let mut mixed = [T::zero(); 4];
+        for of in 0..4 {
+            let from = T::from_lanes(|lane| before[lane][of]);
+            let to = T::from_lanes(|lane| after[lane][of]);
+            mixed[of] = from + fraction * (to - from);
+        }
+        let [x, y, heading, curvature] = mixed;
+        Point {
+            place: [x, y],
+            heading,
+            curvature,
+        }
+    }
+
+    /// Speed limit at arc length s, m/s, under an acceleration, m/s²: between points the lowest of
+    /// what can be reached from the one before, be braked from to the one after, and is allowed at
+    /// either.
+    #[inline(always)]
+    pub fn limit(&self, s: T, acceleration: T) -> T {
+        let steps = self.steps(s);
+        let mut places = [0.0; LANES_MAX];
+        for lane in 0..T::LANES {
+            places[lane] = self.neighbors(steps, lane).0 as f64;
+        }
+        let before = T::from_singles(|lane| self.limits[lane][self.neighbors(steps, lane).0]);
+        let after = T::from_singles(|lane| self.limits[lane][self.neighbors(steps, lane).1]);
+        let gain = T::from(2.0) * acceleration * self.ds;
+        let share = steps - T::from_lanes(|lane| places[lane]);
+        let reached = before + share * gain;
+        let braked = after + (T::one() - share) * gain;
+        reached.min(braked).min(before.max(after)).sqrt()
+    }
+}
+
+/// Most lanes of a number.
+const LANES_MAX: usize = 8;
+
+impl<T: Scalar> Lanewise for Tracks<T> {
+    type One = Tracks<f64>;
+
+    fn fits(&self, _one: &Tracks<f64>) -> bool {
+        true
+    }
+
+    fn put(&mut self, lane: usize, one: &Tracks<f64>) {
+        self.paths[lane] = one.paths[0].clone();
+        let limits: &dyn std::any::Any = &one.limits[0];
+        self.limits[lane] = match limits.downcast_ref::<Arc<Vec<T::Single>>>() {
+            Some(same) => same.clone(),
+            None => Arc::new(one.limits[0].iter().map(|&v| T::Single::from(v)).collect()),
+        };
+        self.ds.put(lane, &one.ds);
+        self.length.put(lane, &one.length);
+        self.last.put(lane, &one.last);
+    }
+}
