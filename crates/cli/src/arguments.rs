@@ -224,6 +224,10 @@ pub struct BatchOptions {
     /// Threads; all cores if left out. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
+    /// Trials that a thread runs side by side: 1, 4 or 8; as many as the processor's registers hold
+    /// if left out. The rows are the same.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub lanes: Option<u8>,
     /// Run one share of the batch only, such as 3/16; `appell batch merge` joins the folders.
     #[arg(long, value_name = "I/N")]
     pub shard: Option<String>,

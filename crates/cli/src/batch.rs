@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use appell_sim::batch::{
-    self, Batch, BatchError, BatchSummary, Picture, Row, Shard, Store, VariantSummary,
+    self, Batch, BatchError, BatchSummary, Crew, Picture, Row, Shard, Store, VariantSummary,
 };
 use appell_sim::record::{Memory, Recorder};
 use appell_sim::report::{self, Press};
@@ -78,8 +78,12 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
             progress.at(done as f64);
         }
     };
-    let threads = options.threads.unwrap_or(0) as usize;
-    batch.execute(&store, own, threads, &told).map_err(failed)?;
+    let mut crew = Crew {
+        threads: options.threads.unwrap_or(0) as usize,
+        ..Crew::default()
+    };
+    crew.lanes = options.lanes.map_or(crew.lanes, usize::from);
+    batch.execute(&store, own, crew, &told).map_err(failed)?;
     if let Ok(progress) = progress.lock() {
         progress.done();
     }

@@ -46,7 +46,7 @@ pub trait AnyLanes {
     /// What comes of it.
     type Output;
     /// Does it with numbers of one, four or eight lanes.
-    fn run<T: Scalar>(self) -> Self::Output;
+    fn run<T: Scalar<Single = f64>>(self) -> Self::Output;
 }
 
 /// The widest lanes that are of use on this machine: 4 or 8 (1 without vector registers).

@@ -97,19 +97,21 @@ impl<A: Lanewise> Lanewise for Option<A> {
     }
 }
 
-/// A structure whose fields are [`Lanewise`], each by itself.
+/// A structure whose fields are [`Lanewise`], each by itself; those of its state, which change within
+/// a trial, fit whatever their numbers.
 #[macro_export]
 macro_rules! lanewise {
-    ($name:ident { $($field:ident),* $(,)? }) => {
+    ($name:ident { $($field:ident),* $(,)? } $(state { $($state:ident),* $(,)? })?) => {
         impl<T: $crate::scalar::Scalar> $crate::lanewise::Lanewise for $name<T> {
             type One = $name<f64>;
 
             fn fits(&self, one: &Self::One) -> bool {
-                $($crate::lanewise::Lanewise::fits(&self.$field, &one.$field))&&*
+                true $(&& $crate::lanewise::Lanewise::fits(&self.$field, &one.$field))*
             }
 
             fn put(&mut self, lane: usize, one: &Self::One) {
                 $($crate::lanewise::Lanewise::put(&mut self.$field, lane, &one.$field);)*
+                $($($crate::lanewise::Lanewise::put(&mut self.$state, lane, &one.$state);)*)?
             }
         }
     };

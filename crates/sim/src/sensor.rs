@@ -379,11 +379,10 @@ lanewise!(Odometry {
     streams,
     resolution,
     std,
-    readings,
     believed,
     causes
-});
-lanewise!(Causes { angles, chain });
+} state { readings });
+lanewise!(Causes { chain } state { angles });
 
 /// Causes of an odometry's error, in the order in which they come in.
 pub(crate) const CAUSES: [&str; 4] = ["slip", "method", "geometry", "encoder"];
@@ -470,18 +469,7 @@ struct MotionSensor<T> {
     last: [T; 4],
 }
 
-impl<T: Scalar> Lanewise for MotionSensor<T> {
-    type One = MotionSensor<f64>;
-
-    fn fits(&self, _one: &MotionSensor<f64>) -> bool {
-        true
-    }
-
-    fn put(&mut self, lane: usize, one: &MotionSensor<f64>) {
-        self.radii.put(lane, &one.radii);
-        self.last.put(lane, &one.last);
-    }
-}
+lanewise!(MotionSensor { radii } state { last });
 
 /// Speed, m/s, and yaw rate, rad/s, below which a robot stands.
 const STANDS: f64 = 1e-6;
@@ -536,6 +524,7 @@ impl<T: Scalar> Lanewise for RangeBearing<T> {
     type One = RangeBearing<f64>;
 
     fn fits(&self, one: &RangeBearing<f64>) -> bool {
+        // A place may be zero in one lane and not in another.
         self.beacons.len() == one.beacons.len()
     }
 

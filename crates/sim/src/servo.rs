@@ -7,6 +7,7 @@
 mod steering;
 
 use appell_model::drive::Drive;
+use appell_model::lanewise;
 
 use appell_model::lanewise::Lanewise;
 use appell_model::planar::vec2;
@@ -50,22 +51,7 @@ struct Axle<T> {
     rate_max: T,
 }
 
-impl<T: Scalar> Lanewise for Axle<T> {
-    type One = Axle<f64>;
-
-    fn fits(&self, one: &Axle<f64>) -> bool {
-        self.inertia.len() == one.inertia.len() && self.drive.fits(&one.drive)
-    }
-
-    fn put(&mut self, lane: usize, one: &Axle<f64>) {
-        self.rate.put(lane, &one.rate);
-        self.inertia.put(lane, &one.inertia);
-        self.viscous.put(lane, &one.viscous);
-        self.gain.put(lane, &one.gain);
-        self.drive.put(lane, &one.drive);
-        self.rate_max.put(lane, &one.rate_max);
-    }
-}
+lanewise!(Axle { drive } state { rate, inertia, viscous, gain, rate_max });
 
 impl<T: Scalar> Lanewise for Servo<T> {
     type One = Servo<f64>;

@@ -369,6 +369,29 @@ impl<T: Scalar> World<T> {
         self.judge(Some(lane));
     }
 
+    /// Goes on to a time at which trials may begin, where none goes on.
+    pub(crate) fn skip(&mut self) {
+        debug_assert!(self.running.iter().all(|runs| !runs), "a trial goes on");
+        let cycle = self.cycle();
+        self.seek((self.tick / cycle + 1) * cycle);
+    }
+
+    /// Goes to a tick at which nothing has been done yet but reading and judging.
+    fn seek(&mut self, tick: u64) {
+        self.tick = tick;
+        self.record.seek(tick);
+        for slot in self.sensors.iter_mut().chain(&mut self.controllers) {
+            slot.due.seek(tick);
+        }
+        // What is read and judged after a move has been so at this tick.
+        for due in &mut self.readings {
+            due.seek(tick + 1);
+        }
+        for referee in &mut self.referees {
+            referee.due.seek(tick + 1);
+        }
+    }
+
     /// Leaves a lane empty; the others go on.
     pub(crate) fn clear(&mut self, lane: usize) {
         self.running[lane] = false;
@@ -716,20 +739,9 @@ impl World {
                 serde_json::from_slice(bytes.get(at..at.checked_add(size)?)?).ok()?;
             at += size;
         }
-        self.tick = tick;
         self.ticks[0] = tick;
         self.running[0] = true;
-        self.record.seek(tick);
-        for slot in self.sensors.iter_mut().chain(&mut self.controllers) {
-            slot.due.seek(tick);
-        }
-        // What is read and judged after a move has been so at the saved tick.
-        for due in &mut self.readings {
-            due.seek(tick + 1);
-        }
-        for referee in &mut self.referees {
-            referee.due.seek(tick + 1);
-        }
+        self.seek(tick);
         (at == bytes.len()).then_some(())
     }
 

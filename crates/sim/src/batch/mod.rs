@@ -8,19 +8,23 @@
 
 mod draw;
 mod figures;
+mod lanes;
 mod part;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::record::{Event, Header, RecordError, Recorder};
-use crate::run::{Outcome, Run, Summary, hash};
+use crate::run::{Outcome, Plans, Run, Summary, hash};
 use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Vary};
+
+use lanes::{Queue, Worker};
 
 pub use draw::{parse, refuse};
 pub use figures::{
@@ -110,6 +114,12 @@ impl Manifest {
         part * PART..((part + 1) * PART).min(self.rows())
     }
 
+    /// Place of a variant's name.
+    fn variant(&self, name: &str) -> usize {
+        let found = self.variants.iter().position(|known| known == name);
+        found.unwrap_or(self.variants.len())
+    }
+
     /// Variant and trial of a row.
     pub fn place(&self, row: u64) -> (usize, u64) {
         ((row / self.trials) as usize, row % self.trials)
@@ -158,6 +168,25 @@ pub struct Batch {
     /// Each variant with its own overrides.
     variants: Vec<(Loaded, Vec<(String, String)>)>,
     manifest: Manifest,
+    plans: Plans,
+}
+
+/// Who runs a batch. The rows are the same whoever does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crew {
+    /// Threads; 0 for one on each core.
+    pub threads: usize,
+    /// Most trials that a thread runs side by side: as many as its registers hold, up to 8.
+    pub lanes: usize,
+}
+
+impl Default for Crew {
+    fn default() -> Self {
+        Crew {
+            threads: 0,
+            lanes: appell_model::lanes::widest(),
+        }
+    }
 }
 
 /// Why a batch ended.
@@ -263,6 +292,7 @@ impl Batch {
             file: file.to_owned(),
             variants,
             manifest,
+            plans: Plans::default(),
         };
         let drawn = plan.vary.iter().map(|vary| Column {
             name: vary.path.clone(),
@@ -420,8 +450,8 @@ impl Batch {
         row
     }
 
-    /// Runs what a folder lacks of a shard, on `threads` threads (0: all cores); `progress` is told the
-    /// number of trials of the shard that are done, at first those that were there, from any thread.
+    /// Runs what a folder lacks of a shard; `progress` is told the number of trials of the shard that
+    /// are done, at first those that were there, from any thread.
     ///
     /// # Errors
     /// The folder holds another batch, or cannot be written; what was written stays.
@@ -429,7 +459,7 @@ impl Batch {
         &self,
         store: &Store,
         shard: Shard,
-        threads: usize,
+        crew: Crew,
         progress: &(dyn Fn(u64) + Sync),
     ) -> Result<(), BatchError> {
         let parts = self.manifest.parts();
@@ -437,39 +467,62 @@ impl Batch {
         let mut there = 0;
         for part in (0..parts).filter(|&part| shard.has(part, parts)) {
             match store.read(part)? {
-                None => missing.push(part),
+                None => missing.extend(self.manifest.rows_of(part)),
                 Some(rows) => there += rows.len() as u64,
             }
         }
         progress(there);
         let done = AtomicU64::new(there);
         let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
+            .num_threads(crew.threads)
             .build()
             .map_err(|error| BatchError::Folder {
                 path: store.folder().to_owned(),
                 problem: format!("no threads: {error}"),
                 hint: "ask for fewer with --threads",
             })?;
-        let broken = AtomicBool::new(false);
-        let run = |row: u64| {
-            let (variant, trial) = self.manifest.place(row);
-            let row = (!broken.load(Ordering::Relaxed)).then(|| self.trial(variant, trial));
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-            row
+        let queue = Queue {
+            rows: &missing,
+            next: AtomicU64::new(0),
+            broken: AtomicBool::new(false),
         };
-        pool.install(|| {
-            missing.par_iter().try_for_each(|&part| {
-                let places = self.manifest.rows_of(part).into_par_iter();
-                let rows: Option<Vec<Row>> = places.map(run).collect();
-                match rows {
-                    None => Ok(()),
-                    Some(rows) => store
-                        .write(part, &rows)
-                        .inspect_err(|_| broken.store(true, Ordering::Relaxed)),
+        // Parts of which some rows are there, and what could not be written.
+        let open: Mutex<BTreeMap<u64, Vec<Row>>> = Mutex::default();
+        let failure = Mutex::new(None);
+        let hand_over = |row: u64, told: Row| {
+            let part = row / PART;
+            let full = {
+                let mut open = open.lock().expect("nothing panics with it");
+                let rows = open.entry(part).or_default();
+                rows.push(told);
+                let is_full = rows.len() as u64 == self.manifest.rows_of(part).count() as u64;
+                is_full.then(|| open.remove(&part)).flatten()
+            };
+            if let Some(mut rows) = full {
+                rows.sort_by_key(|row| (self.manifest.variant(&row.variant), row.trial));
+                if let Err(error) = store.write(part, &rows) {
+                    queue.broken.store(true, Ordering::Relaxed);
+                    failure
+                        .lock()
+                        .expect("nothing panics with it")
+                        .get_or_insert(error);
                 }
-            })
-        })
+            }
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+        };
+        pool.broadcast(|_| {
+            let worker = Worker {
+                batch: self,
+                queue: &queue,
+                plans: &self.plans,
+                hand_over: &hand_over,
+            };
+            appell_model::lanes::dispatch(crew.lanes, worker);
+        });
+        match failure.into_inner().expect("nothing panics with it") {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
     }
 
     /// A run of one trial, for a look at it.
@@ -477,7 +530,7 @@ impl Batch {
     /// # Errors
     /// What was drawn makes no scenario.
     pub fn run(&self, variant: usize, trial: u64) -> Result<Run, Diagnostics> {
-        Run::new(&self.scenario(variant, trial)?, trial)
+        Run::planned(&self.scenario(variant, trial)?, trial, &self.plans)
     }
 
     /// Number of trials of a shard.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::figures::Success;
-use super::{Batch, PART, Shard, Store, draw, figures, merge, sum_up};
+use super::{Batch, Crew, PART, Shard, Store, draw, figures, merge, sum_up};
 use crate::scenario::Draw;
 
 fn shipped(name: &str) -> PathBuf {
@@ -39,11 +39,18 @@ fn batch(trials: u64) -> Batch {
     .unwrap_or_else(|error| panic!("{error}"))
 }
 
+fn crew(threads: usize) -> Crew {
+    Crew {
+        threads,
+        ..Crew::default()
+    }
+}
+
 /// Runs a shard in a folder.
-fn shard(batch: &Batch, folder: &Path, shard: Shard, threads: usize) -> Store {
+fn shard(batch: &Batch, folder: &Path, shard: Shard, crew: Crew) -> Store {
     let store = Store::open(folder, batch.manifest()).unwrap_or_else(|error| panic!("{error}"));
     batch
-        .execute(&store, shard, threads, &|_| {})
+        .execute(&store, shard, crew, &|_| {})
         .unwrap_or_else(|error| panic!("{error}"));
     store
 }
@@ -66,7 +73,7 @@ fn invariant_rows_do_not_depend_on_threads_breaks_or_shards() {
     let mut roots = BTreeSet::new();
     for threads in [1, 2, 3] {
         let folder = scratch(&format!("threads-{threads}"));
-        roots.insert(root(&shard(&batch, &folder, Shard::WHOLE, threads)));
+        roots.insert(root(&shard(&batch, &folder, Shard::WHOLE, crew(threads))));
         // A part that is gone, and one that is damaged, are run again; the others are not.
         let files = parts(&folder);
         let age = |file: &PathBuf| {
@@ -78,7 +85,7 @@ fn invariant_rows_do_not_depend_on_threads_breaks_or_shards() {
         std::fs::remove_file(&files[0]).expect("removed");
         let bytes = std::fs::read(&files[1]).expect("a part");
         std::fs::write(&files[1], &bytes[..bytes.len() / 2]).expect("damaged");
-        roots.insert(root(&shard(&batch, &folder, Shard::WHOLE, threads)));
+        roots.insert(root(&shard(&batch, &folder, Shard::WHOLE, crew(threads))));
         assert_eq!((files.clone(), untouched), (parts(&folder), age(&files[2])));
         std::fs::remove_dir_all(&folder).expect("removed");
     }
@@ -86,7 +93,7 @@ fn invariant_rows_do_not_depend_on_threads_breaks_or_shards() {
         let folders: Vec<PathBuf> = (1..=count)
             .map(|index| {
                 let folder = scratch(&format!("shard-{index}-{count}"));
-                shard(&batch, &folder, Shard { index, count }, 2);
+                shard(&batch, &folder, Shard { index, count }, crew(2));
                 folder
             })
             .collect();
@@ -106,7 +113,7 @@ fn invariant_rows_do_not_depend_on_threads_breaks_or_shards() {
 fn refusal_of_attempts_that_differ() {
     let batch = batch(30);
     let (one, two) = (scratch("one"), scratch("two"));
-    let first = shard(&batch, &one, Shard::WHOLE, 1);
+    let first = shard(&batch, &one, Shard::WHOLE, crew(1));
     let second = Store::open(&two, batch.manifest()).expect("a folder");
     let mut rows = first.read(0).expect("reads").expect("rows");
     rows[7].values[2] += 1e-12;
@@ -134,7 +141,7 @@ fn refusal_of_attempts_that_differ() {
 fn invariant_a_trial_alone_is_that_of_the_batch() {
     let folder = scratch("alone");
     let batch = batch(40);
-    let store = shard(&batch, &folder, Shard::WHOLE, 2);
+    let store = shard(&batch, &folder, Shard::WHOLE, crew(2));
     let rows = store.read(0).expect("reads").expect("rows");
     for trial in [0, 17, 39] {
         let (alone, row) = (batch.trial(0, trial), &rows[trial as usize]);
@@ -176,7 +183,7 @@ fn invariant_variants_share_their_draws() {
     std::fs::write(&file, text).expect("written");
     let batch = Batch::new(&file, &[], Some(100), &[]).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(batch.manifest().rows(), 300);
-    let store = shard(&batch, &folder, Shard::WHOLE, 2);
+    let store = shard(&batch, &folder, Shard::WHOLE, crew(2));
     let (summary, rows) = sum_up(&store).expect("sums up");
     let [_, same, lazy] = &summary.variants[..] else {
         panic!("three variants");

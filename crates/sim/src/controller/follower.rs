@@ -101,34 +101,19 @@ macro_rules! same_in_all_lanes {
 }
 
 same_in_all_lanes!(Law, Heading);
-lanewise!(State {
-    progress,
+lanewise!(State {} state { progress, speed, yaw_rate, turning, velocity });
+
+lanewise!(Follower { law, heading, turns } state {
+    path,
     speed,
+    acceleration,
+    lateral_acceleration,
     yaw_rate,
-    turning,
-    velocity
+    yaw_acceleration,
+    lookahead,
+    start,
+    state
 });
-
-impl<T: Scalar> Lanewise for Follower<T> {
-    type One = Follower<f64>;
-
-    fn fits(&self, one: &Follower<f64>) -> bool {
-        self.law == one.law && self.heading == one.heading && self.turns == one.turns
-    }
-
-    fn put(&mut self, lane: usize, one: &Follower<f64>) {
-        self.path.put(lane, &one.path);
-        self.speed.put(lane, &one.speed);
-        self.acceleration.put(lane, &one.acceleration);
-        self.lateral_acceleration
-            .put(lane, &one.lateral_acceleration);
-        self.yaw_rate.put(lane, &one.yaw_rate);
-        self.yaw_acceleration.put(lane, &one.yaw_acceleration);
-        self.lookahead.put(lane, &one.lookahead);
-        self.start.put(lane, &one.start);
-        self.state.put(lane, &one.state);
-    }
-}
 
 /// A follower of a path for robot `name`, which starts with a heading, rad, and may be able to turn on
 /// the spot.
