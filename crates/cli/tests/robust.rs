@@ -84,6 +84,72 @@ fn invariant_killed_runs_leave_readable_recordings() {
     std::fs::remove_dir_all(&folder).expect("removed");
 }
 
+/// A batch for a moment or two, in a folder.
+fn batch(binary: &Path, out: &Path, more: &[&str]) -> Command {
+    let mut command = Command::new(binary);
+    command.current_dir(root()).env("NO_COLOR", "1");
+    command
+        .args([
+            "batch",
+            "scenarios/homing.toml",
+            "--set",
+            "time.duration=1.5",
+        ])
+        .args(["--vary", "robot.tri.platform.body.mass=normal(9, 0.5)"])
+        .arg("--no-report")
+        .arg("--out")
+        .arg(out)
+        .args(more)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command
+}
+
+fn root_of(folder: &Path) -> String {
+    let text = std::fs::read_to_string(folder.join("batch.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    summary["root"].as_str().expect("a root").to_owned()
+}
+
+/// `kill -9` at 50 moments of one batch, which is resumed each time: the root is that of the batch that
+/// was left alone.
+#[test]
+fn invariant_killed_batches_go_on_to_the_same_root() {
+    let folder = scratch("kill-batch");
+    let binary = Path::new(env!("CARGO_BIN_EXE_appell"));
+    let (whole, broken) = (folder.join("whole"), folder.join("broken"));
+    let trials = ["--trials", "6000"];
+    assert!(
+        batch(binary, &whole, &trials)
+            .status()
+            .expect("ends")
+            .success()
+    );
+    let parts = |out: &Path| std::fs::read_dir(out.join("trials")).map_or(0, Iterator::count);
+    let (mut killed, mut between) = (0, 0);
+    for k in 0..50_u64 {
+        let mut child = batch(binary, &broken, &trials).spawn().expect("starts");
+        std::thread::sleep(Duration::from_millis(20 + (k * 37) % 100));
+        let ended = child.try_wait().expect("a child").is_some();
+        child.kill().expect("killed");
+        child.wait().expect("gone");
+        killed += usize::from(!ended);
+        between += usize::from((1..24).contains(&parts(&broken)));
+    }
+    assert!(
+        killed > 20 && between > 5,
+        "{killed} killed, {between} midway"
+    );
+    assert!(
+        batch(binary, &broken, &trials)
+            .status()
+            .expect("ends")
+            .success()
+    );
+    assert_eq!(root_of(&whole), root_of(&broken));
+    std::fs::remove_dir_all(&folder).expect("removed");
+}
+
 /// A full disk and a folder that cannot be made: exit code 4, the path and a hint, no panic.
 #[test]
 fn invariant_unwritable_output_is_a_clear_error() {
@@ -176,6 +242,17 @@ fn invariant_debug_and_release_record_the_same_bytes() {
         }
         assert!(files[0] == files[1], "{scenario}: debug and release differ");
     }
+    let mut roots = Vec::new();
+    for (name, binary) in [("this", &this), ("other", &other)] {
+        for lanes in ["1", "4", "8"] {
+            let out = folder.join(format!("batch-{name}-{lanes}"));
+            let more = ["--trials", "300", "--lanes", lanes];
+            assert!(batch(binary, &out, &more).status().expect("ends").success());
+            roots.push(root_of(&out));
+        }
+    }
+    roots.dedup();
+    assert_eq!(roots.len(), 1, "debug and release batches differ");
     std::fs::remove_dir_all(&folder).expect("removed");
 }
 

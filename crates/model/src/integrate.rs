@@ -113,6 +113,7 @@ fused! {
     }
 }
 
+#[inline(always)]
 fn multiply<T: Scalar>(size: usize, a: &[T], b: &[T], result: &mut [T]) {
     for i in 0..size {
         for j in 0..size {
@@ -142,22 +143,32 @@ pub fn spectral_radius<S: Dynamics<f64>>(system: &S, x: &[f64], u: &[f64], mode:
             jacobian[i * n + k] = (up[i] - down[i]) / (2.0 * shift);
         }
     }
-    // ρ = lim ‖J^m‖^{1/m}: squared six times, with the scale taken out each time.
-    let mut log = 0.0;
-    let mut weight = 1.0;
-    let mut next = vec![0.0; n * n];
-    for _ in 0..7 {
-        let norm = jacobian.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        if norm == 0.0 {
-            return 0.0;
+    radius(&mut jacobian)
+}
+
+fused! {
+    /// ρ = lim ‖J^m‖^{1/m}: squared seven times, with the scale taken out each time.
+    fn radius(jacobian: &mut Vec<f64>) -> f64 {
+        let n = jacobian.len().isqrt();
+        let mut log = 0.0;
+        let mut weight = 1.0;
+        let mut next = vec![0.0; n * n];
+        for _ in 0..7 {
+            let mut norm = 0.0_f64;
+            for k in 0..n * n {
+                norm = Scalar::max(norm, jacobian[k].abs());
+            }
+            if norm == 0.0 {
+                return 0.0;
+            }
+            log += weight * Scalar::ln(norm);
+            weight *= 0.5;
+            for k in 0..n * n {
+                jacobian[k] /= norm;
+            }
+            multiply(n, jacobian, jacobian, &mut next);
+            core::mem::swap(jacobian, &mut next);
         }
-        log += weight * Scalar::ln(norm);
-        weight *= 0.5;
-        for entry in &mut jacobian {
-            *entry /= norm;
-        }
-        multiply(n, &jacobian, &jacobian, &mut next);
-        core::mem::swap(&mut jacobian, &mut next);
+        Scalar::exp(log)
     }
-    Scalar::exp(log)
 }

@@ -25,6 +25,7 @@ pub struct PoseError<T> {
 
 impl<T: Scalar> PoseError<T> {
     /// The error of a target pose (x₁, y₁, θ₁) seen from (x₀, y₀, θ₀), world frame: m, m, rad.
+    #[inline(always)]
     pub fn of(robot: [T; 3], target: [T; 3]) -> [T; 3] {
         let (sin, cos) = robot[2].sin_cos();
         let off = vec2(target[0] - robot[0], target[1] - robot[1]).rotated(cos, -sin);

@@ -3,7 +3,7 @@
 use std::any::Any;
 
 use appell_model::lanewise::Lanewise;
-use appell_model::scalar::Scalar;
+use appell_model::scalar::{Mask, Scalar};
 use appell_model::wide::{Job, widest};
 
 use crate::signal::Signal;
@@ -164,6 +164,26 @@ impl<T: Scalar, K: Kernel<T>> Block<T> for Wired<K> {
             self.kernel.put(lane, &one.kernel);
         }
     }
+}
+
+/// The lanes in which all of some numbers are finite.
+pub(crate) fn finite_lanes<T: Scalar>(numbers: &[T]) -> T::Mask {
+    struct Finite<'a, T>(&'a [T]);
+
+    impl<T: Scalar> Job for Finite<'_, T> {
+        type Output = T::Mask;
+
+        #[inline(always)]
+        fn run(self) -> T::Mask {
+            let mut finite = T::Mask::splat(true);
+            for k in 0..self.0.len() {
+                finite = finite.and(self.0[k].is_finite());
+            }
+            finite
+        }
+    }
+
+    widest::<T, _>(Finite(numbers))
 }
 
 /// Appends numbers to saved bytes, bit for bit.

@@ -164,6 +164,9 @@ fn leave_fraction<S: Scalar>(arena: [f64; 2], margin: f64, p: [S; 2], q: [S; 2])
     fraction
 }
 
+/// What sums of a run's ways may be off by, m.
+const ROUNDING: f64 = 1e-6;
+
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Sample<S> {
     t: S,
@@ -371,6 +374,9 @@ pub struct Judge<S = f64> {
     /// Smallest distance between the disc and a wall: distance, time.
     wall_clearance: Option<(S, S)>,
     path_length: S,
+    /// Path length at which each beacon could be touched at the earliest, m: one that is farther than
+    /// the nearest so far need not be looked at.
+    reach: Vec<f64>,
 }
 
 impl<S: Scalar> Judge<S> {
@@ -407,6 +413,7 @@ impl<S: Scalar> Judge<S> {
             clearance: None,
             wall_clearance: None,
             path_length: S::zero(),
+            reach: vec![0.0; layout.beacons.len()],
         }
     }
 
@@ -441,10 +448,16 @@ impl<S: Scalar> Judge<S> {
     fn watch(&mut self, previous: Sample<S>, now: Sample<S>) {
         let (p, q) = (previous.position, now.position);
         let mut contact: Option<(S, Option<usize>)> = None;
+        let way = value(self.path_length);
         for (index, beacon) in self.beacons.iter().enumerate() {
+            let smallest = self.clearance.map_or(f64::INFINITY, |(gap, ..)| value(gap));
+            if self.reach[index] - way > smallest.max(0.0) + ROUNDING {
+                continue;
+            }
             let center = beacon.position.map(S::from);
             let near = segment_distance(center, p, q);
             let gap = near - S::from(self.collision_radius) - S::from(beacon.radius);
+            self.reach[index] = way + value(gap);
             let is_smallest = |(smallest, ..): (S, S, usize)| value(gap) < value(smallest);
             if self.clearance.is_none_or(is_smallest) {
                 self.clearance = Some((gap, now.t, index));

@@ -147,16 +147,3 @@ impl Goal {
         }
     }
 }
-
-impl Layout {
-    /// Distance between the robot's disc at `position` and the nearest beacon, m; negative inside.
-    pub fn clearance(&self, position: [f64; 2]) -> f64 {
-        self.beacons
-            .iter()
-            .map(|b| {
-                let off = [position[0] - b.position[0], position[1] - b.position[1]];
-                appell_model::math::hypot(off[0], off[1]) - b.radius - self.collision_radius
-            })
-            .fold(f64::MAX, f64::min)
-    }
-}

@@ -15,7 +15,9 @@ use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput
 use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
 
-use crate::block::{Block, BlockError, Detail, Now, Port, restore_numbers, save_numbers};
+use crate::block::{
+    Block, BlockError, Detail, Now, Port, finite_lanes, restore_numbers, save_numbers,
+};
 use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
 
@@ -443,10 +445,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
                 advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?;
             }
         }
-        let mut finite = T::Mask::splat(true);
-        for value in x.iter() {
-            finite = finite.and(value.is_finite());
-        }
+        let finite = finite_lanes(x);
         if finite.all() {
             return Ok(());
         }

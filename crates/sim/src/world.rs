@@ -8,12 +8,14 @@
 
 use std::collections::BTreeMap;
 
+use appell_model::lanewise::Lanewise;
 use appell_model::math::hypot;
 use appell_model::scalar::{Mask, Scalar};
+use appell_model::wide::{Job, widest};
 
-use crate::block::{Block, BlockError, Detail, Now};
+use crate::block::{Block, BlockError, Detail, Now, finite_lanes};
 use crate::judge::{Judge, Verdict};
-use crate::layout::Layout;
+use crate::layout::{Beacon, Layout};
 use crate::record::{Event, RecordError, Recorder};
 use crate::signal::Signal;
 
@@ -59,7 +61,8 @@ pub(crate) struct Referee<T: Scalar> {
     pub robot: String,
     /// One for each lane.
     pub judges: Vec<Judge<T::Single>>,
-    layouts: Vec<Layout>,
+    /// x, y and sum of the radii of beacon and robot, m.
+    beacons: Vec<[T; 3]>,
     pub has_task: bool,
     /// Its looks.
     due: Due,
@@ -248,7 +251,7 @@ impl<T: Scalar> World<T> {
                         .map(|path| index[&format!("robot.{robot}.{path}")]),
                     robot,
                     judges: vec![judge; T::LANES],
-                    layouts: vec![layout; T::LANES],
+                    beacons: rings(&layout),
                     has_task,
                     due: Due::every(period),
                     clearance,
@@ -331,7 +334,8 @@ impl<T: Scalar> World<T> {
                 && all(&mut controllers, &robot.controllers)
                 && referee.robot == robot.name
                 && referee.has_task == robot.has_task
-                && referee.due.period == robot.judge_period;
+                && referee.due.period == robot.judge_period
+                && referee.beacons.len() == robot.layout.beacons.len();
         }
         fit && sensors.next().is_none() && controllers.next().is_none()
     }
@@ -355,7 +359,7 @@ impl<T: Scalar> World<T> {
                 slot.block.take(lane, block.any());
             }
             referee.judges[lane] = robot.judge;
-            referee.layouts[lane] = robot.layout;
+            referee.beacons.put(lane, &rings(&robot.layout));
         }
         // Outputs of what has not run yet are zero.
         for value in &mut self.row {
@@ -585,10 +589,7 @@ impl<T: Scalar> World<T> {
         listener: &mut dyn Listener<T>,
     ) -> Result<(), RecordError> {
         self.observe_everything();
-        let mut finite = T::Mask::splat(true);
-        for k in 0..self.row.len() {
-            finite = finite.and(self.row[k].is_finite());
-        }
+        let finite = finite_lanes(&self.row);
         if !finite.or(of.not()).all() {
             self.refuse_endless(of);
             of = of.and(finite);
@@ -625,17 +626,10 @@ impl<T: Scalar> World<T> {
             if begins.is_none() && !referee.due.now(self.tick) {
                 continue;
             }
-            let [x, y, forward, left] = referee.watched.map(|k| self.row[k]);
-            let speed = crate::plant::speed(forward, left);
-            let mut nearest = T::from(f64::MAX);
-            for k in 0..referee.layouts[0].beacons.len() {
-                let of = |lane: usize| &referee.layouts[lane].beacons[k];
-                let dx = x - T::from_lanes(|lane| of(lane).position[0]);
-                let dy = y - T::from_lanes(|lane| of(lane).position[1]);
-                let radius = T::from_lanes(|lane| of(lane).radius);
-                let disc = T::from_lanes(|lane| referee.layouts[lane].collision_radius);
-                nearest = nearest.min(hypot(dx, dy) - radius - disc);
-            }
+            let (nearest, seen) = widest::<T, _>(Look {
+                beacons: &referee.beacons,
+                motion: referee.watched.map(|k| self.row[k]),
+            });
             self.row[referee.clearance] = nearest;
             for lane in 0..T::LANES {
                 if !self.running[lane] || begins.is_some_and(|only| only != lane) {
@@ -643,8 +637,8 @@ impl<T: Scalar> World<T> {
                 }
                 let judge = &mut referee.judges[lane];
                 let t = <T::Single as From<f64>>::from(self.ticks[lane] as f64 * self.step);
-                let position = [x.single(lane), y.single(lane)];
-                judge.observe(t, position, speed.single(lane));
+                let [x, y, speed] = seen[lane];
+                judge.observe(t, [x, y], speed);
                 for event in judge.take_events() {
                     let event = Event {
                         t: event.t,
@@ -657,6 +651,43 @@ impl<T: Scalar> World<T> {
                 }
             }
         }
+    }
+}
+
+/// Place of each beacon and sum of its radius and the robot's, m.
+fn rings<T: Scalar>(layout: &Layout) -> Vec<[T; 3]> {
+    let ring = |beacon: &Beacon| {
+        let [x, y] = beacon.position;
+        [x, y, beacon.radius + layout.collision_radius].map(T::from)
+    };
+    layout.beacons.iter().map(ring).collect()
+}
+
+/// What a judge sees: the distance between the robot's disc and the nearest beacon, m, negative inside;
+/// and of each lane position, m, and speed, m/s.
+struct Look<'a, T> {
+    beacons: &'a [[T; 3]],
+    /// x, y, forward and left speed.
+    motion: [T; 4],
+}
+
+impl<T: Scalar> Job for Look<'_, T> {
+    type Output = (T, [[T::Single; 3]; LANES_MAX]);
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let [x, y, forward, left] = self.motion;
+        let mut nearest = T::from(f64::MAX);
+        for k in 0..self.beacons.len() {
+            let [east, north, radius] = self.beacons[k];
+            nearest = nearest.min(hypot(x - east, y - north) - radius);
+        }
+        let speed = crate::plant::speed(forward, left);
+        let mut seen = [[T::Single::zero(); 3]; LANES_MAX];
+        for lane in 0..T::LANES {
+            seen[lane] = [x.single(lane), y.single(lane), speed.single(lane)];
+        }
+        (nearest, seen)
     }
 }
 

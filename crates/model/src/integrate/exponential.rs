@@ -324,66 +324,68 @@ fn remainder<T: Scalar>(linear: &[T], z: &[T], rate: &[T], rest: &mut [T]) {
     }
 }
 
-/// e^{At} and its integral, by scaling (to ‖At‖ ≤ ½), Taylor's series and doubling.
-fn propagate<T: Scalar>(
-    size: usize,
-    linear: &[T],
-    time: f64,
-    result: &mut Propagator<T>,
-    scratch: &mut [Vec<T>; 3],
-) {
-    // At ‖At‖ ≤ ½ the 15th term is below 2⁻¹⁵/15! ≈ 2e-17.
-    const TERMS: usize = 15;
-    // Each lane has its own count of halvings: its bits must not depend on its neighbors.
-    let mut norm = T::zero();
-    for i in 0..size {
-        let mut sum = T::zero();
-        for k in 0..size {
-            sum += linear[i * size + k].abs();
+fused! {
+    /// e^{At} and its integral, by scaling (to ‖At‖ ≤ ½), Taylor's series and doubling.
+    fn propagate<T: Scalar>(
+        size: usize,
+        linear: &[T],
+        time: f64,
+        result: &mut Propagator<T>,
+        scratch: &mut [Vec<T>; 3],
+    ) {
+        // At ‖At‖ ≤ ½ the 15th term is below 2⁻¹⁵/15! ≈ 2e-17.
+        const TERMS: usize = 15;
+        // Each lane has its own count of halvings: its bits must not depend on its neighbors.
+        let mut norm = T::zero();
+        for i in 0..size {
+            let mut sum = T::zero();
+            for k in 0..size {
+                sum += linear[i * size + k].abs();
+            }
+            norm = norm.max(sum);
         }
-        norm = norm.max(sum);
-    }
-    let mut h = T::from(time);
-    let mut doublings = 0;
-    let mut halved = [T::Mask::splat(false); DOUBLINGS_MAX];
-    while doublings < DOUBLINGS_MAX {
-        let long = T::from(0.5).less(norm * h);
-        if !long.any() {
-            break;
+        let mut h = T::from(time);
+        let mut doublings = 0;
+        let mut halved = [T::Mask::splat(false); DOUBLINGS_MAX];
+        while doublings < DOUBLINGS_MAX {
+            let long = T::from(0.5).less(norm * h);
+            if !long.any() {
+                break;
+            }
+            h = T::select(long, T::from(0.5) * h, h);
+            halved[doublings] = long;
+            doublings += 1;
         }
-        h = T::select(long, T::from(0.5) * h, h);
-        halved[doublings] = long;
-        doublings += 1;
-    }
-    let [power, next, _] = scratch;
-    let (exponential, integral) = (&mut result.exponential, &mut result.integral);
-    for i in 0..size {
-        for k in 0..size {
-            let unit = if i == k { T::one() } else { T::zero() };
-            power[i * size + k] = unit;
-            exponential[i * size + k] = unit;
-            integral[i * size + k] = unit * h;
+        let [power, next, _] = scratch;
+        let (exponential, integral) = (&mut result.exponential, &mut result.integral);
+        for i in 0..size {
+            for k in 0..size {
+                let unit = if i == k { T::one() } else { T::zero() };
+                power[i * size + k] = unit;
+                exponential[i * size + k] = unit;
+                integral[i * size + k] = unit * h;
+            }
         }
-    }
-    for term in 1..=TERMS {
-        multiply(size, power, linear, next);
-        let factor = h * T::from(1.0 / term as f64);
-        let spread = h * T::from(1.0 / (term + 1) as f64);
-        for k in 0..size * size {
-            power[k] = next[k] * factor;
-            exponential[k] += power[k];
-            integral[k] = power[k].mul_add(spread, integral[k]);
+        for term in 1..=TERMS {
+            multiply(size, power, linear, next);
+            let factor = h * T::from(1.0 / term as f64);
+            let spread = h * T::from(1.0 / (term + 1) as f64);
+            for k in 0..size * size {
+                power[k] = next[k] * factor;
+                exponential[k] += power[k];
+                integral[k] = power[k].mul_add(spread, integral[k]);
+            }
         }
-    }
-    for halved in &halved[..doublings] {
-        // ∫₀²ʰ = ∫₀ʰ + e^{Ah} ∫₀ʰ.
-        multiply(size, exponential, integral, next);
-        for k in 0..size * size {
-            integral[k] = T::select(*halved, integral[k] + next[k], integral[k]);
-        }
-        multiply(size, exponential, exponential, next);
-        for k in 0..size * size {
-            exponential[k] = T::select(*halved, next[k], exponential[k]);
+        for halved in &halved[..doublings] {
+            // ∫₀²ʰ = ∫₀ʰ + e^{Ah} ∫₀ʰ.
+            multiply(size, exponential, integral, next);
+            for k in 0..size * size {
+                integral[k] = T::select(*halved, integral[k] + next[k], integral[k]);
+            }
+            multiply(size, exponential, exponential, next);
+            for k in 0..size * size {
+                exponential[k] = T::select(*halved, next[k], exponential[k]);
+            }
         }
     }
 }

@@ -432,11 +432,8 @@ macro_rules! shapes {
                 reduced: &Reduced<T>,
                 inverse: &Square<T>,
             ) -> Option<Self> {
-                // Of many lanes, those with motors: each size is half a minute of compiling.
-                $(if $m > 0 || T::LANES == 1 {
-                    if let Some(compiled) = Compiled::new(platform, axles, reduced, inverse) {
-                        return Some(Shape::$name(compiled));
-                    }
+                $(if let Some(compiled) = Compiled::new(platform, axles, reduced, inverse) {
+                    return Some(Shape::$name(compiled));
                 })*
                 None
             }
@@ -468,7 +465,8 @@ macro_rules! shapes {
             ) -> J::Output {
                 let plain = rolling.is_plain(u);
                 match self {
-                    // A twin for motors is worth its size twice, one for torques once.
+                    // A twin for motors is worth its size twice, one for torques once; of many lanes
+                    // those with motors alone, for each takes seconds to compile.
                     $(Shape::$name(compiled) => if $m > 0 && plain {
                         let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)

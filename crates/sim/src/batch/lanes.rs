@@ -118,7 +118,7 @@ impl Worker<'_> {
     }
 
     fn build(&self, row: u64, variant: usize, trial: u64) -> Result<Ready, Diagnostics> {
-        let loaded = self.batch.scenario(variant, trial)?;
+        let loaded = self.batch.sketch(variant, trial)?;
         let assembly = assemble(&loaded, trial, self.plans, &Values::new(&[]))?;
         Ok(Ready {
             row,
@@ -239,4 +239,31 @@ impl<T: Scalar> Side<T> {
     fn is_busy(&self) -> bool {
         self.seats.iter().any(Option::is_some)
     }
+}
+
+/// What steps of a world with a trial in every lane allocate.
+#[cfg(test)]
+pub(super) fn allocations<T: Scalar<Single = f64>>(batch: &Batch, steps: u64) -> u64 {
+    let plans = Plans::default();
+    let built = |trial: u64| {
+        let loaded = batch.scenario(0, trial).expect("a scenario");
+        let values = Values::new(&[]);
+        let parts = assemble::<f64>(&loaded, trial, &plans, &values).expect("blocks");
+        (loaded, parts.parts)
+    };
+    let (loaded, _) = built(0);
+    let parts = assemble::<T>(&loaded, 0, &plans, &Values::new(&[])).expect("blocks");
+    let mut world = World::wire(parts.parts);
+    let mut meter = Meter::new(&loaded.scenario, world.signals());
+    for lane in 0..T::LANES {
+        let (_, parts) = built(lane as u64);
+        assert!(T::LANES == 1 || world.fits(&parts));
+        world.put(lane, parts);
+    }
+    allocation_counter::measure(|| {
+        while world.tick() < steps {
+            world.go(1, &mut meter).expect("steps");
+        }
+    })
+    .count_total
 }

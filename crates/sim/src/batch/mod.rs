@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::run::{Outcome, Plans, Run, Summary, hash};
-use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Vary};
+use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Template, Vary};
 
 use lanes::{Queue, Worker};
 
@@ -167,6 +167,7 @@ pub struct Batch {
     file: PathBuf,
     /// Each variant with its own overrides.
     variants: Vec<(Loaded, Vec<(String, String)>)>,
+    templates: Vec<Template>,
     manifest: Manifest,
     plans: Plans,
 }
@@ -288,8 +289,13 @@ impl Batch {
         if variants.is_empty() {
             variants.push((loaded, overrides.to_vec()));
         }
+        let templates: Result<Vec<Template>, Diagnostics> = variants
+            .iter()
+            .map(|(_, own)| Template::read(file, own))
+            .collect();
         let mut batch = Batch {
             file: file.to_owned(),
+            templates: templates?,
             variants,
             manifest,
             plans: Plans::default(),
@@ -369,13 +375,7 @@ impl Batch {
         }
         let mut overrides = own.clone();
         for (path, value) in drawn {
-            // Keys of whole numbers take no fraction; the others take a whole number, too.
-            let is_whole = value == value.round() && value.abs() < 1e15;
-            let text = match is_whole {
-                true => format!("{value:.0}"),
-                false => format!("{value:?}"),
-            };
-            overrides.push((path, text));
+            overrides.push((path, scenario::number_text(value)));
         }
         scenario::load(&self.file, &overrides).map_err(|mut problem| {
             // What was drawn is none of the user's own changes.
@@ -387,6 +387,13 @@ impl Batch {
             }
             problem
         })
+    }
+
+    /// The same without its text, quickly.
+    fn sketch(&self, variant: usize, trial: u64) -> Result<Loaded, Diagnostics> {
+        let drawn = self.drawn(trial);
+        let quick = self.templates[variant].with(&drawn);
+        quick.map_or_else(|| self.scenario(variant, trial), Ok)
     }
 
     /// Values drawn for a trial, with their paths; the same for all variants.

@@ -291,3 +291,148 @@ fn closed_form_confidence_of_success() {
     let none = Success::of(0, 10);
     assert!(none.low == 0.0 && (none.high - 0.2775).abs() < 5e-5);
 }
+
+/// A small batch on every machine alike: homing by noisy odometry, with other masses and motors.
+fn quick(trials: u64) -> Batch {
+    let set = |path: &str, value: &str| (path.to_owned(), value.to_owned());
+    let overrides = [
+        set("time.duration", "0.6"),
+        set("robot.tri.sensor", ODOMETRY),
+        set("robot.tri.controller.pose", "odometry"),
+    ];
+    let vary = [
+        draw::parse("robot.tri.platform.body.mass=normal(9, 0.5)").expect("a draw"),
+        draw::parse("robot.tri.platform.wheel.left.drive.torque_constant=uniform(0.048, 0.052)")
+            .expect("a draw"),
+    ];
+    Batch::new(&shipped("homing.toml"), &overrides, Some(trials), &vary)
+        .unwrap_or_else(|error| panic!("{error}"))
+}
+
+const ODOMETRY: &str =
+    "[{ kind = \"odometry\", period = 0.01, resolution = 2048, angle_std = 0.002 }]";
+
+/// The root of [`quick`], on every machine.
+const QUICK_ROOT: &str = "92421cd1a313efc5a138fa3618950ab54387aeb8e97d1345a80c167e2c60dea3";
+
+/// The matrix of threads, lanes and shards; `crates/cli/tests/robust.rs` adds the build profiles.
+#[test]
+fn golden_one_root_for_threads_lanes_and_shards() {
+    let batch = quick(4 * PART - 30);
+    let mut roots = BTreeSet::new();
+    for threads in [1, 2, 3, 7] {
+        for lanes in [1, 4, 8] {
+            let folder = scratch(&format!("matrix-{threads}-{lanes}"));
+            let store = shard(&batch, &folder, Shard::WHOLE, Crew { threads, lanes });
+            roots.insert(root(&store));
+            std::fs::remove_dir_all(&folder).expect("removed");
+        }
+    }
+    for (count, lanes) in [(10, 8), (97, 4)] {
+        let folders: Vec<PathBuf> = (1..=count)
+            .map(|index| {
+                let folder = scratch(&format!("matrix-shard-{index}-{count}"));
+                let crew = Crew { threads: 2, lanes };
+                shard(&batch, &folder, Shard { index, count }, crew);
+                folder
+            })
+            .collect();
+        let out = scratch(&format!("matrix-merged-{count}"));
+        let merged = merge(&folders, &out).unwrap_or_else(|error| panic!("{error}"));
+        roots.insert(root(&merged));
+        for folder in folders.iter().chain([&out]) {
+            std::fs::remove_dir_all(folder).expect("removed");
+        }
+    }
+    assert_eq!(roots, BTreeSet::from([QUICK_ROOT.to_owned()]));
+}
+
+/// Every shipped kind of robot, level, drive, sensor, law and task: trials that share a world in
+/// lanes have the bits of those that are run alone.
+#[test]
+fn invariant_lanes_have_the_bits_of_single_runs() {
+    let noisy = "[{ kind = \"pose\", period = 0.02, position_std = 0.01, yaw_std = 0.005 }]";
+    let beacons =
+        "[{ kind = \"range-bearing\", period = 0.05, range_max = 2.5, range_std = 0.01 }]";
+    let cases: &[(&str, &[(&str, &str)])] = &[
+        ("slalom.toml", &[]),
+        ("slalom.toml", &[("robot.tri.level", "kinematic")]),
+        ("slalom.toml", &[("robot.tri.drive", "torque")]),
+        (
+            "slalom.toml",
+            &[("time.integrator", "rk4"), ("time.step", "0.0005")],
+        ),
+        ("slalom.toml", &[("time.integrator", "adaptive")]),
+        ("slalom-omni.toml", &[]),
+        ("noisy.toml", &[]),
+        ("gate.toml", &[("robot.*.sensor", beacons)]),
+        ("eight.toml", &[("robot.*.sensor", noisy)]),
+        ("slope.toml", &[]),
+        ("coast.toml", &[]),
+        ("parked.toml", &[]),
+        ("sleigh.toml", &[]),
+        ("two-robots.toml", &[]),
+        ("laws.toml", &[]),
+        ("route-omni.toml", &[]),
+        ("tricycle.toml", &[]),
+        ("car.toml", &[]),
+        ("trailer.toml", &[]),
+        ("motion.toml", &[]),
+        ("house.toml", &[]),
+    ];
+    for (name, set) in cases {
+        let mut overrides: Vec<(String, String)> = set
+            .iter()
+            .map(|(path, value)| ((*path).to_owned(), (*value).to_owned()))
+            .collect();
+        overrides.push(("time.duration".into(), "2.5".into()));
+        // Every other trial has another mass: the robots part.
+        let vary = [draw::parse("robot.*.platform.body.mass=grid(6, 9)").expect("a draw")];
+        let batch = Batch::new(&shipped(name), &overrides, Some(11), &vary)
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+        for lanes in [4, 8] {
+            let folder = scratch(&format!("lanes-{lanes}"));
+            let crew = Crew { threads: 1, lanes };
+            let store = shard(&batch, &folder, Shard::WHOLE, crew);
+            for row in store.read(0).expect("reads").expect("rows") {
+                let variant = batch.manifest().variant(&row.variant);
+                let alone = batch.trial(variant, row.trial);
+                let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+                assert_eq!(alone.reason, row.reason, "{name} {set:?} {lanes}");
+                assert_eq!(alone.verdict, row.verdict, "{name} {set:?}");
+                for (k, column) in batch.manifest().columns.iter().enumerate() {
+                    assert!(
+                        bits(&alone.values[k..=k]) == bits(&row.values[k..=k]),
+                        "{name} {set:?}, {lanes} lanes, trial {}: {} is {} and {}",
+                        row.trial,
+                        column.name,
+                        alone.values[k],
+                        row.values[k]
+                    );
+                }
+                assert_eq!(alone.other, row.other);
+            }
+            std::fs::remove_dir_all(&folder).expect("removed");
+        }
+    }
+}
+
+/// A step of a world in lanes allocates nothing; a judge writes text when something happens, so nothing
+/// happens here.
+#[test]
+fn invariant_steps_of_lanes_allocate_nothing() {
+    struct Count<'a>(&'a Batch);
+
+    impl appell_model::lanes::AnyLanes for Count<'_> {
+        type Output = u64;
+
+        fn run<T: appell_model::scalar::Scalar<Single = f64>>(self) -> u64 {
+            super::lanes::allocations::<T>(self.0, 500)
+        }
+    }
+
+    let batch = quick(30);
+    for lanes in [1, 4, 8] {
+        assert_eq!(appell_model::lanes::dispatch(lanes, Count(&batch)), 0);
+    }
+}

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use batch::{Batch, Draw, Variant, Vary};
 pub use check::{TRIALS_MAX, check};
 pub use diagnostic::{Diagnostic, Diagnostics};
-pub use read::{Loaded, Overrides, load, load_robot, load_text};
+pub use read::{Loaded, Overrides, Template, load, load_robot, load_text, number_text};
 pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Trailer, Wheel};
 pub use task::{Direction, Piece, Route, Side, Task};
 

@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde::de::{DeserializeOwned, Unexpected};
 use toml::{Table, Value};
 use toml_edit::{Document, Item, TableLike};
@@ -48,6 +49,32 @@ pub fn load(file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
 /// The same from a text, as if it stood in `file`.
 pub fn load_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
     let folder = file.parent().unwrap_or(Path::new("")).to_owned();
+    let (sources, table) = put_together(text, file, &folder, overrides)?;
+    let scenario: Scenario = shape(&table, &sources, overrides).map_err(one)?;
+    let problems = check(&scenario, &folder);
+    if !problems.is_empty() {
+        let located = problems
+            .into_iter()
+            .map(|(path, problem, hint)| locate(&sources, overrides, path, problem, hint));
+        return Err(Diagnostics(located.collect()));
+    }
+    let resolved =
+        toml::to_string_pretty(&scenario).expect("a scenario that was read can be written");
+    Ok(Loaded {
+        scenario,
+        file: file.to_owned(),
+        folder,
+        resolved,
+    })
+}
+
+/// The tables of a scenario and of its robot files, under overrides.
+fn put_together(
+    text: &str,
+    file: &Path,
+    folder: &Path,
+    overrides: &Overrides,
+) -> Result<(Vec<Source>, Table), Diagnostics> {
     let (main, mut table) = parse(text, file, "").map_err(one)?;
     if table.contains_key("wheel") && !is_scenario(&table) {
         return Err(one(plain(
@@ -65,26 +92,64 @@ pub fn load_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Loade
     for (path, value) in &files {
         set(&mut table, path, value).map_err(one)?;
     }
-    put_in_robots(&mut table, &folder, &mut sources, overrides).map_err(one)?;
+    put_in_robots(&mut table, folder, &mut sources, overrides).map_err(one)?;
     for (path, value) in &overrides_of_values {
         set(&mut table, path, value).map_err(one)?;
     }
-    let scenario: Scenario = shape(&table, &sources, overrides).map_err(one)?;
-    let problems = check(&scenario, &folder);
-    if !problems.is_empty() {
-        let located = problems
-            .into_iter()
-            .map(|(path, problem, hint)| locate(&sources, overrides, path, problem, hint));
-        return Err(Diagnostics(located.collect()));
+    Ok((sources, table))
+}
+
+/// A scenario whose text is read once and whose numbers are set many times.
+#[derive(Clone, Debug)]
+pub struct Template {
+    table: Table,
+    file: PathBuf,
+    folder: PathBuf,
+}
+
+impl Template {
+    /// Reads a scenario file with its robot files, under overrides; it must be right by itself.
+    pub fn read(file: &Path, overrides: &Overrides) -> Result<Template, Diagnostics> {
+        let text = read_text(file).map_err(one)?;
+        let folder = file.parent().unwrap_or(Path::new("")).to_owned();
+        let (_, table) = put_together(&text, file, &folder, overrides)?;
+        Ok(Template {
+            table,
+            file: file.to_owned(),
+            folder,
+        })
     }
-    let resolved =
-        toml::to_string_pretty(&scenario).expect("a scenario that was read can be written");
-    Ok(Loaded {
-        scenario,
-        file: file.to_owned(),
-        folder,
-        resolved,
-    })
+
+    /// The scenario with numbers at paths; without its text. `None` where it would be refused:
+    /// [`load`] says why.
+    pub fn with(&self, numbers: &[(String, f64)]) -> Option<Loaded> {
+        let mut table = self.table.clone();
+        for (path, number) in numbers {
+            let text = number_text(*number);
+            let value = match text.parse::<i64>() {
+                Ok(whole) => Value::Integer(whole),
+                Err(_) => Value::Float(*number),
+            };
+            set_value(&mut table, path, &value).ok()?;
+        }
+        let scenario = Scenario::deserialize(Value::Table(table)).ok()?;
+        check(&scenario, &self.folder).is_empty().then(|| Loaded {
+            scenario,
+            file: self.file.clone(),
+            folder: self.folder.clone(),
+            resolved: String::new(),
+        })
+    }
+}
+
+/// A number as an override: keys of whole numbers take no fraction; the others take a whole number,
+/// too.
+pub fn number_text(number: f64) -> String {
+    let is_whole = number == number.round() && number.abs() < 1e15;
+    match is_whole {
+        true => format!("{number:.0}"),
+        false => format!("{number:?}"),
+    }
 }
 
 /// Reads and checks a robot file alone.
@@ -258,8 +323,17 @@ fn put_in_robots(
     Ok(())
 }
 
-/// Sets one value by path; entries of named lists are addressed by name.
+/// Sets one value, as TOML text, by path.
 fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
+    let value = toml::from_str::<Table>(&format!("value = {text}"))
+        .ok()
+        .and_then(|mut parsed| parsed.remove("value"))
+        .unwrap_or_else(|| Value::String(text.to_owned()));
+    set_value(table, path, &value)
+}
+
+/// Sets one value by path; entries of named lists are addressed by name.
+fn set_value(table: &mut Table, path: &str, value: &Value) -> Result<(), Diagnostic> {
     let refuse = |problem: String, hint: &str| Diagnostic {
         file: PathBuf::from("--set"),
         at: None,
@@ -267,10 +341,6 @@ fn set(table: &mut Table, path: &str, text: &str) -> Result<(), Diagnostic> {
         problem,
         hint: Some(hint.to_owned()),
     };
-    let value = toml::from_str::<Table>(&format!("value = {text}"))
-        .ok()
-        .and_then(|mut parsed| parsed.remove("value"))
-        .unwrap_or_else(|| Value::String(text.to_owned()));
     let segments: Vec<&str> = path.split('.').collect();
     if segments.contains(&"") {
         return Err(refuse(
