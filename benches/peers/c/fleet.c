@@ -18,7 +18,7 @@
 /* Robots in a tile. Some 16 arrays of this length have to fit the L1 cache. A power
  * of two would put the arrays on the same cache sets. */
 #ifndef TILE
-#define TILE (sizeof(REAL) == 8 ? 240 : 480)
+#define TILE (sizeof(REAL) == 8 ? 240 : 496)
 #endif
 
 /* In C an enum is the constant expression an array's length needs. */

@@ -9,7 +9,7 @@
 #include <immintrin.h>
 #include <string.h>
 
-/* Vectors of robots in a tile; one of them is some 17 cache lines. */
+/* Vectors of robots in a tile; one of 512 bits takes 1 KiB. */
 #ifndef TILE_BLOCKS
 #define TILE_BLOCKS 16
 #endif

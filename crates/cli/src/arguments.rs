@@ -42,6 +42,8 @@ pub enum Command {
     Check(CheckOptions),
     /// Run many trials of a scenario, and show how its figures are distributed.
     Batch(BatchOptions),
+    /// Find how the figures of a run answer to numbers of its scenario: exact derivatives.
+    Sensitivity(SensitivityOptions),
     /// Plot signals of a recording as SVG or PNG.
     Plot(PlotOptions),
     /// Run one scenario at several levels of model, side by side.
@@ -202,6 +204,48 @@ pub struct InverseOptions {
     pub out: PathBuf,
 }
 
+/// How the draws of a batch lie together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Sampling {
+    /// Each by itself.
+    Random,
+    /// One draw of each value in each of as many equally likely intervals as there are trials.
+    LatinHypercube,
+    /// Points of Sobol's sequence.
+    Sobol,
+}
+
+impl From<Sampling> for appell_sim::scenario::Sampling {
+    fn from(sampling: Sampling) -> Self {
+        match sampling {
+            Sampling::Random => Self::Random,
+            Sampling::LatinHypercube => Self::LatinHypercube,
+            Sampling::Sobol => Self::Sobol,
+        }
+    }
+}
+
+/// Options of `sensitivity`.
+#[derive(Args)]
+pub struct SensitivityOptions {
+    /// Scenario file.
+    pub scenario: PathBuf,
+    /// Number of the scenario to derive by, such as robot.tri.platform.body.mass; several may follow.
+    #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "list")]
+    pub to: Vec<String>,
+    /// List the numbers there are.
+    #[arg(long, conflicts_with = "to")]
+    pub list: bool,
+    /// Show central differences beside the derivatives.
+    #[arg(long)]
+    pub check: bool,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub changes: Changes,
+}
+
 /// Options of `batch`.
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -221,6 +265,9 @@ pub struct BatchOptions {
     /// be repeated.
     #[arg(long, value_name = "PATH=KIND(…)")]
     pub vary: Vec<String>,
+    /// How the draws of all trials lie together [default: random, or as in the file].
+    #[arg(long, value_enum)]
+    pub sampling: Option<Sampling>,
     /// Threads; all cores if left out. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,

@@ -62,7 +62,8 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
         return Err(bad(problem));
     }
     let file = options.scenario.as_ref().expect("clap asks for it");
-    let batch = Batch::new(file, &overrides, options.trials, &vary).map_err(failed)?;
+    let sampling = options.sampling.map(Into::into);
+    let batch = Batch::new(file, &overrides, options.trials, &vary, sampling).map_err(failed)?;
     let manifest = batch.manifest();
     let folder = options
         .out

@@ -10,6 +10,7 @@ mod inverse;
 mod new;
 mod plot;
 mod run;
+mod sensitivity;
 mod terminal;
 mod umbmark;
 
@@ -40,6 +41,7 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Batch(options) => batch::batch(&options),
         Command::Check(options) => check::check(&options),
+        Command::Sensitivity(options) => sensitivity::sensitivity(&options),
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),

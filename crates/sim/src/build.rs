@@ -41,42 +41,42 @@ pub fn drive_model(robot: &Robot) -> DriveModel {
 /// derivatives.
 pub struct Values<'a, T> {
     seeds: &'a [(String, T)],
-    /// Which of them were asked for.
-    used: RefCell<Vec<bool>>,
+    /// What was asked for, where that is listed.
+    asked: Option<RefCell<Vec<(String, f64)>>>,
 }
 
 impl<'a, T: Scalar> Values<'a, T> {
     /// Numbers as they stand, but for these, by path.
     pub fn new(seeds: &'a [(String, T)]) -> Self {
+        Values { seeds, asked: None }
+    }
+
+    /// Numbers as they stand, all of which are listed.
+    pub fn listing() -> Self {
         Values {
-            seeds,
-            used: RefCell::new(vec![false; seeds.len()]),
+            seeds: &[],
+            asked: Some(RefCell::default()),
         }
     }
 
     /// The number at a path of the scenario.
     pub fn at(&self, path: fmt::Arguments<'_>, value: f64) -> T {
+        if let Some(asked) = &self.asked {
+            asked.borrow_mut().push((path.to_string(), value));
+        }
         if self.seeds.is_empty() {
             return T::from(value);
         }
         let path = path.to_string();
-        match self.seeds.iter().position(|(known, _)| *known == path) {
-            None => T::from(value),
-            Some(k) => {
-                self.used.borrow_mut()[k] = true;
-                self.seeds[k].1
-            }
-        }
+        let seed = self.seeds.iter().find(|(known, _)| *known == path);
+        seed.map_or(T::from(value), |(_, number)| *number)
     }
 
-    /// The paths that nothing was built from.
-    pub fn unused(&self) -> Vec<&'a str> {
-        let used = self.used.borrow();
-        let seeds = self.seeds.iter().zip(used.iter());
-        seeds
-            .filter(|(_, used)| !**used)
-            .map(|((path, _), _)| path.as_str())
-            .collect()
+    /// Paths and numbers that were asked for, in order.
+    pub fn asked(&self) -> Vec<(String, f64)> {
+        self.asked
+            .as_ref()
+            .map_or_else(Vec::new, |asked| asked.borrow().clone())
     }
 }
 

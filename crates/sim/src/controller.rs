@@ -126,8 +126,8 @@ fn formula_at(formula: &SignalFile, t: f64) -> f64 {
             let reached = at.partition_point(|&from| from <= t + 1e-12 * t.abs().max(1.0));
             values[reached.max(1) - 1]
         }
-        // Tables are read when the controller is built.
-        SignalFile::Table { .. } => 0.0,
+        // Tables are read when the controller is built, and what comes from outside has no block.
+        SignalFile::Table { .. } | SignalFile::External {} => 0.0,
     }
 }
 

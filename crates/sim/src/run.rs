@@ -21,8 +21,8 @@ use crate::plan::{self, Path, PlanError};
 use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::scenario::{
-    Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Signal,
-    Statistics, Task,
+    Channel, Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor,
+    Signal, Statistics, Task,
 };
 use crate::servo::servo;
 use crate::world::{Listener, Parts, RobotBlocks, SimError, World};
@@ -165,6 +165,8 @@ pub(crate) struct Assembly<T: Scalar> {
     pub paths: Vec<Option<Arc<Path>>>,
     pub assignments: Vec<Option<Assignment>>,
     pub integrators: Vec<String>,
+    /// Signals that are commanded from outside.
+    pub outsides: Vec<crate::signal::Signal>,
 }
 
 /// Ways that were planned: trials of a batch mostly share theirs.
@@ -220,6 +222,7 @@ pub(crate) fn assemble<T: Scalar>(
     let key = (scenario.seed, trial);
     let mut robots = Vec::new();
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
+    let mut outsides = Vec::new();
     for robot in &scenario.robot {
         let file = robot
             .platform
@@ -335,8 +338,17 @@ pub(crate) fn assemble<T: Scalar>(
             }
             Some(Controller::Signals { period, channel }) => {
                 let mut twisted = false;
-                let channels = channel
-                    .iter()
+                let is_inside = |channel: &&Channel| {
+                    let outside = matches!(channel.signal, Signal::External {});
+                    if outside {
+                        twisted |= ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
+                        outsides.push(channel_port(&channel.to, robot, &platform));
+                    }
+                    !outside
+                };
+                let inside: Vec<&Channel> = channel.iter().filter(is_inside).collect();
+                let channels = inside
+                    .into_iter()
                     .map(|channel| {
                         twisted |= ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
                         let waveform = match &channel.signal {
@@ -392,6 +404,7 @@ pub(crate) fn assemble<T: Scalar>(
         paths,
         assignments,
         integrators,
+        outsides,
     })
 }
 

@@ -375,9 +375,14 @@ impl<T: Scalar> World<T> {
 
     /// Goes on to a time at which trials may begin, where none goes on.
     pub(crate) fn skip(&mut self) {
-        debug_assert!(self.running.iter().all(|runs| !runs), "a trial goes on");
         let cycle = self.cycle();
-        self.seek((self.tick / cycle + 1) * cycle);
+        self.skip_to((self.tick / cycle + 1) * cycle);
+    }
+
+    /// Goes on to a later tick, where no trial goes on.
+    pub(crate) fn skip_to(&mut self, tick: u64) {
+        debug_assert!(self.running.iter().all(|runs| !runs), "a trial goes on");
+        self.seek(tick);
     }
 
     /// Goes to a tick at which nothing has been done yet but reading and judging.
@@ -394,6 +399,35 @@ impl<T: Scalar> World<T> {
         for referee in &mut self.referees {
             referee.due.seek(tick + 1);
         }
+    }
+
+    /// Writes a signal that no block writes, in one lane.
+    pub(crate) fn write(&mut self, lane: usize, column: usize, value: f64) {
+        let before = self.row[column];
+        self.row[column] = T::from_lanes(|i| if i == lane { value } else { before.lane(i) });
+    }
+
+    /// Lets the sensors look that are due at this tick, before anything is decided.
+    pub(crate) fn sense(&mut self) {
+        let t = T::from_lanes(|lane| self.time(lane));
+        self.run_due(Stage::Sense, t);
+    }
+
+    /// The verdict on a lane's tasks, if there are any: passed when all are.
+    pub(crate) fn verdict(&self, lane: usize) -> Option<Verdict> {
+        let tasks = self.referees.iter().filter(|referee| referee.has_task);
+        tasks
+            .map(|referee| referee.judges[lane].verdict())
+            .reduce(|a, b| match (a, b) {
+                (Verdict::Failed, _) | (_, Verdict::Failed) => Verdict::Failed,
+                (Verdict::Running, _) | (_, Verdict::Running) => Verdict::Running,
+                (Verdict::Passed, Verdict::Passed) => Verdict::Passed,
+            })
+    }
+
+    /// Ticks of a lane's trial.
+    pub(crate) fn age(&self, lane: usize) -> u64 {
+        self.ticks[lane]
     }
 
     /// Leaves a lane empty; the others go on.

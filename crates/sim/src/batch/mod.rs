@@ -22,7 +22,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::run::{Outcome, Plans, Run, Summary, hash};
-use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Template, Vary};
+use crate::scenario::{
+    self, Diagnostic, Diagnostics, Draw, Loaded, Overrides, Sampling, Template, Vary,
+};
 
 use lanes::{Queue, Worker};
 
@@ -237,13 +239,29 @@ impl Batch {
         overrides: &Overrides,
         trials: Option<u64>,
         vary: &[Vary],
+        sampling: Option<Sampling>,
     ) -> Result<Batch, BatchError> {
         let mut loaded = scenario::load(file, overrides)?;
         let mut plan = loaded.scenario.batch.take().unwrap_or_default();
         plan.trials = trials.unwrap_or(plan.trials);
+        plan.sampling = sampling.unwrap_or(plan.sampling);
         plan.vary
             .retain(|known| vary.iter().all(|new| new.path != known.path));
         plan.vary.extend_from_slice(vary);
+        let drawn = |vary: &&Vary| !matches!(vary.draw, Draw::Grid { .. });
+        let dimensions = plan.vary.iter().filter(drawn).count();
+        if plan.sampling == Sampling::Sobol && dimensions > draw::SOBOL_MAX {
+            return Err(BatchError::Scenario(Diagnostics(vec![Diagnostic {
+                file: file.to_owned(),
+                at: None,
+                path: "batch.sampling".into(),
+                problem: format!(
+                    "must be another: Sobol's sequence serves at most {} varied values, got {dimensions}",
+                    draw::SOBOL_MAX
+                ),
+                hint: Some("use \"latin-hypercube\"".into()),
+            }])));
+        }
         loaded.scenario.batch = Some(plan.clone());
         let text = toml::to_string_pretty(&loaded.scenario).expect("a scenario is plain data");
         loaded.resolved = text;
@@ -399,8 +417,9 @@ impl Batch {
     /// Values drawn for a trial, with their paths; the same for all variants.
     pub fn drawn(&self, trial: u64) -> Vec<(String, f64)> {
         let plan = self.variants[0].0.scenario.batch.as_ref();
-        let vary = plan.map_or(&[][..], |batch| &batch.vary);
-        draw::values(vary, self.manifest.seed, trial)
+        plan.map_or_else(Vec::new, |plan| {
+            draw::values(plan, self.manifest.seed, trial)
+        })
     }
 
     fn summary(&self, variant: usize, trial: u64) -> Result<Summary, Diagnostics> {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::figures::Success;
 use super::{Batch, Crew, PART, Shard, Store, draw, figures, merge, sum_up};
-use crate::scenario::Draw;
+use crate::scenario::{Draw, Sampling, Vary};
 
 fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -35,6 +35,7 @@ fn batch(trials: u64) -> Batch {
         &overrides,
         Some(trials),
         &vary,
+        None,
     )
     .unwrap_or_else(|error| panic!("{error}"))
 }
@@ -181,7 +182,8 @@ fn invariant_variants_share_their_draws() {
         .replace("duration = 20.0", "duration = 2.0");
     let file = folder.join("scenarios/variants.toml");
     std::fs::write(&file, text).expect("written");
-    let batch = Batch::new(&file, &[], Some(100), &[]).unwrap_or_else(|error| panic!("{error}"));
+    let batch =
+        Batch::new(&file, &[], Some(100), &[], None).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(batch.manifest().rows(), 300);
     let store = shard(&batch, &folder, Shard::WHOLE, crew(2));
     let (summary, rows) = sum_up(&store).expect("sums up");
@@ -229,10 +231,22 @@ fn closed_form_draws_have_their_moments() {
         "d=choice(1, 2, 4)",
     ]
     .map(|text| draw::parse(text).expect("a draw"));
+    for sampling in [Sampling::Random, Sampling::LatinHypercube, Sampling::Sobol] {
+        check_moments(&vary, sampling);
+    }
+}
+
+fn check_moments(vary: &[Vary], sampling: Sampling) {
     let count = 20_000;
+    let plan = crate::scenario::Batch {
+        trials: count,
+        sampling,
+        vary: vary.to_vec(),
+        ..Default::default()
+    };
     let mut sums = [[0.0; 2]; 4];
     for trial in 0..count {
-        for (k, (_, value)) in draw::values(&vary, 7, trial).into_iter().enumerate() {
+        for (k, (_, value)) in draw::values(&plan, 7, trial).into_iter().enumerate() {
             let value = if k == 2 {
                 appell_model::scalar::Scalar::ln(value)
             } else {
@@ -305,8 +319,14 @@ fn quick(trials: u64) -> Batch {
         draw::parse("robot.tri.platform.wheel.left.drive.torque_constant=uniform(0.048, 0.052)")
             .expect("a draw"),
     ];
-    Batch::new(&shipped("homing.toml"), &overrides, Some(trials), &vary)
-        .unwrap_or_else(|error| panic!("{error}"))
+    Batch::new(
+        &shipped("homing.toml"),
+        &overrides,
+        Some(trials),
+        &vary,
+        None,
+    )
+    .unwrap_or_else(|error| panic!("{error}"))
 }
 
 const ODOMETRY: &str =
@@ -388,7 +408,7 @@ fn invariant_lanes_have_the_bits_of_single_runs() {
         overrides.push(("time.duration".into(), "2.5".into()));
         // Every other trial has another mass: the robots part.
         let vary = [draw::parse("robot.*.platform.body.mass=grid(6, 9)").expect("a draw")];
-        let batch = Batch::new(&shipped(name), &overrides, Some(11), &vary)
+        let batch = Batch::new(&shipped(name), &overrides, Some(11), &vary, None)
             .unwrap_or_else(|error| panic!("{name}: {error}"));
         for lanes in [4, 8] {
             let folder = scratch(&format!("lanes-{lanes}"));

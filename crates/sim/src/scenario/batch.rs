@@ -12,6 +12,9 @@ pub struct Batch {
     /// Number of trials.
     #[serde(default = "defaults::trials")]
     pub trials: u64,
+    /// How the draws of all trials lie together.
+    #[serde(default)]
+    pub sampling: Sampling,
     /// Values of the scenario that are drawn for each trial.
     #[serde(default)]
     pub vary: Vec<Vary>,
@@ -29,11 +32,26 @@ impl Default for Batch {
     fn default() -> Self {
         Batch {
             trials: defaults::trials(),
+            sampling: Sampling::default(),
             vary: Vec::new(),
             variant: Vec::new(),
             mark: None,
         }
     }
+}
+
+/// How the draws of all trials lie together. Noise within trials is always random.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampling {
+    /// Each by itself.
+    #[default]
+    Random,
+    /// Of each varied value, one draw in each of as many equally likely intervals as there are trials.
+    LatinHypercube,
+    /// Points of Sobol's sequence, shifted at random: the most even for the first 2, 4, 8, … trials; up
+    /// to 21 varied values.
+    Sobol,
 }
 
 /// A variant of the scenario.

@@ -13,7 +13,7 @@ mod task;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use batch::{Batch, Draw, Variant, Vary};
+pub use batch::{Batch, Draw, Sampling, Variant, Vary};
 pub use check::{TRIALS_MAX, check};
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Loaded, Overrides, Template, load, load_robot, load_text, number_text};
@@ -527,6 +527,9 @@ pub struct Channel {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Signal {
+    /// What is commanded from outside, by a program that holds the world; 0 until it does, and in runs
+    /// and batches.
+    External {},
     /// The same value always.
     Constant {
         /// Value.

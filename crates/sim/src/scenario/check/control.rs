@@ -138,6 +138,7 @@ fn check_channel(
     }
     let mut numbers = Vec::new();
     match &channel.signal {
+        Signal::External {} => {}
         Signal::Constant { value } => numbers.push(("value", *value)),
         Signal::Step { at, before, after } => {
             numbers.extend([("at", *at), ("before", *before), ("after", *after)]);
