@@ -4,8 +4,8 @@ use std::cell::RefCell;
 use std::fmt;
 
 use appell_model::drive::{DcMotor, Drive};
-use appell_model::dynamics::Dynamics;
 use appell_model::ground::Ground;
+use appell_model::integrate::observe;
 use appell_model::planar::vec2;
 use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
@@ -165,7 +165,9 @@ pub fn static_loads<T: Scalar>(platform: &Platform<T>, gravity_normal: T) -> Vec
     let rolling = Rolling::new(platform.clone(), Ground::flat(gravity_normal));
     let x = rest_state(platform, [T::zero(); 3], &[]);
     let mut y = vec![T::zero(); layout.output()];
-    rolling.output(
+    observe(
+        &rolling,
+        false,
         &x,
         &vec![T::zero(); layout.input()],
         &vec![T::one(); layout.wheels],

@@ -183,8 +183,8 @@ impl<T: Scalar> Plant<T> {
     fn energy(&mut self) -> T {
         let y = &mut self.y;
         match &self.system {
-            System::Kinematic(s) => s.output(&self.x, &self.u, &self.mode, y),
-            System::Rolling(s) => s.output(&self.x, &self.u, &self.mode, y),
+            System::Kinematic(s) => observe(s.as_ref(), false, &self.x, &self.u, &self.mode, y),
+            System::Rolling(s) => observe(s.as_ref(), false, &self.x, &self.u, &self.mode, y),
         }
         y[3] + y[4] + y[5]
     }
@@ -259,10 +259,14 @@ fn method<T: Scalar>(
         step,
         tolerance,
     } = numerics;
-    let layout = nominal.layout();
+    let layout = nominal.layout().clone();
     let rk4 = Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
     let exponential = || system.exponential(step);
     let adaptive = || {
+        // A step that all lanes shared would depend on their neighbors: they are not for it.
+        if T::LANES > 1 {
+            return Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
+        }
         let mut adaptive = match system {
             System::Kinematic(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
             System::Rolling(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
@@ -438,6 +442,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
             (System::Rolling(s), Method::Exponential(m)) => {
                 m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
+            (_, Method::Adaptive(_)) if T::LANES > 1 => unreachable!("not for lanes"),
             (System::Kinematic(s), Method::Adaptive(m)) => {
                 advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?
             }

@@ -18,8 +18,8 @@ use crate::run::{Plans, assemble};
 use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Sensor, Steering};
 use crate::world::World;
 
-/// Parameters of one run with dual numbers.
-const TOGETHER: usize = 4;
+/// Parameters of one run with dual numbers: more would be quicker, and take much longer to compile.
+const TOGETHER: usize = 1;
 type Number = Dual<f64, TOGETHER>;
 
 /// A number of the scenario.
