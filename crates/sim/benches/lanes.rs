@@ -78,7 +78,7 @@ fn differential<T: Scalar>() -> Rolling<T> {
 
 fn mecanum<T: Scalar>() -> Rolling<T> {
     let wheels = [(0.2, 0.15), (0.2, -0.15), (-0.2, 0.15), (-0.2, -0.15)].map(|(x, y)| {
-        let angle = T::from(-0.785_398_163_397_448_3 * (x * y * 100.0_f64).signum());
+        let angle = T::from(-std::f64::consts::FRAC_PI_4 * (x * y * 100.0_f64).signum());
         wheel(&format!("{x} {y}"), [x, y], Rim::Rollers { angle })
     });
     robot(wheels.to_vec())

@@ -225,7 +225,8 @@ pub struct Waveforms(Vec<Arc<Waveform>>);
 impl Waveforms {
     /// The same in `lanes` lanes.
     pub fn new(waveform: Waveform, lanes: usize) -> Self {
-        Waveforms(vec![Arc::new(waveform); lanes])
+        let shared = Arc::new(waveform);
+        Waveforms((0..lanes).map(|_| shared.clone()).collect())
     }
 
     #[inline(always)]

@@ -3,6 +3,10 @@
 //! The way of the data: [`scenario`] (what people write) → [`build`] → [`world`] (what runs) →
 //! [`record`] (what remains) → [`report`] (what people see). [`run`] ties them together.
 
+// Kernels name their indices: in what runs on lanes an iterator is a function of its own, compiled
+// without the instruction set that it was entered with.
+#![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+
 pub mod batch;
 pub mod block;
 pub mod build;
