@@ -18,7 +18,7 @@ use crate::record::{Event, RecordError};
 use crate::run::{Plans, assemble};
 use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides};
 use crate::signal::Signal;
-use crate::world::{Listener, World};
+use crate::world::{Listener, Parts, World};
 
 /// What an environment is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,6 +73,15 @@ impl BatchEnv {
         let loaded = scenario::load(file, overrides)?;
         let assembly = assemble::<f64>(&loaded, 0, &Plans::default(), &Values::new(&[]))?;
         let actions = assembly.outsides;
+        // Not every model runs in lanes: an adaptive step is as long as one trial alone lets it be.
+        let likeness = Likeness {
+            loaded: &loaded,
+            parts: &assembly.parts,
+        };
+        let lanes = match dispatch(settings.lanes, likeness) {
+            true => settings.lanes,
+            false => 1,
+        };
         let world = World::wire(assembly.parts);
         let refuse = |path: &str, problem: String, hint: String| {
             Diagnostics(vec![Diagnostic {
@@ -133,13 +142,13 @@ impl BatchEnv {
             count: settings.count,
         };
         Ok(BatchEnv {
-            groups: dispatch(settings.lanes, maker),
+            groups: dispatch(lanes, maker),
             observations: observed
                 .iter()
                 .map(|&column| world.signals()[column].clone())
                 .collect(),
             count: settings.count,
-            width: dispatch(settings.lanes, Width),
+            width: dispatch(lanes, Width),
             actions,
         })
     }
@@ -215,6 +224,21 @@ impl AnyLanes for Width {
 
     fn run<T: Scalar<Single = f64>>(self) -> usize {
         T::LANES
+    }
+}
+
+/// Whether a world in lanes is the like of one of a single trial.
+struct Likeness<'a> {
+    loaded: &'a Loaded,
+    parts: &'a Parts<f64>,
+}
+
+impl AnyLanes for Likeness<'_> {
+    type Output = bool;
+
+    fn run<T: Scalar<Single = f64>>(self) -> bool {
+        let wide = assemble::<T>(self.loaded, 0, &Plans::default(), &Values::new(&[]));
+        wide.is_ok_and(|wide| World::wire(wide.parts).fits(self.parts))
     }
 }
 
@@ -415,14 +439,17 @@ mod tests {
     ];
 
     fn make(count: usize, lanes: usize) -> BatchEnv {
+        make_with(count, lanes, &overrides(SIGNALS))
+    }
+
+    fn make_with(count: usize, lanes: usize, overrides: &Overrides) -> BatchEnv {
         let settings = Settings {
             count,
             observe: OBSERVE.map(str::to_owned).to_vec(),
             interval: 0.1,
             lanes,
         };
-        BatchEnv::new(&scenario(), &overrides(SIGNALS), &settings)
-            .unwrap_or_else(|error| panic!("{error}"))
+        BatchEnv::new(&scenario(), overrides, &settings).unwrap_or_else(|error| panic!("{error}"))
     }
 
     /// All observations of steps with the same actions in every environment.
@@ -471,6 +498,14 @@ mod tests {
             alone[3][2].to_bits() != alone[19][2].to_bits(),
             "other noise"
         );
+    }
+
+    #[test]
+    fn invariant_an_adaptive_step_does_not_depend_on_lanes() {
+        let mut set = overrides(SIGNALS);
+        set.push(("time.integrator".into(), "adaptive".into()));
+        let [(alone, _), (many, _)] = [1, 8].map(|lanes| drive(&mut make_with(3, lanes, &set), 6));
+        assert_eq!(alone, many);
     }
 
     /// An environment is the run of its scenario with the same commands, its seed and its episode.

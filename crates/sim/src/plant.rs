@@ -607,6 +607,9 @@ impl<T: Scalar> Block<T> for Plant<T> {
         {
             self.method = method;
         }
+        if let (Method::Adaptive(a), Method::Adaptive(b)) = (&mut self.method, &one.method) {
+            a.set_next_step(b.next_step());
+        }
         self.x.put(lane, &one.x);
         self.mode.put(lane, &one.mode);
         self.energy_start.put(lane, &one.energy_start);

@@ -134,11 +134,12 @@ impl Worker<'_> {
     /// and the trial has been run.
     fn open<T: Scalar<Single = f64>>(&self, ready: Ready) -> Option<Side<T>> {
         let wide = assemble::<T>(&ready.loaded, ready.trial, self.plans, &Values::new(&[]));
-        let world = World::wire(wide.ok()?.parts);
-        if T::LANES > 1 && !world.fits(&ready.parts) {
+        let world = wide.ok().map(|wide| World::wire(wide.parts));
+        let fits = |world: &World<T>| T::LANES == 1 || world.fits(&ready.parts);
+        let Some(world) = world.filter(fits) else {
             self.run_alone(&ready);
             return None;
-        }
+        };
         let mut side = Side {
             variant: ready.variant,
             meter: Meter::new(&ready.loaded.scenario, world.signals()),
