@@ -65,7 +65,7 @@ typedef struct {
 
 static inline Work work_of(int argc, char **argv)
 {
-    Work work = { 65536, 1000, 5 };
+    Work work = { 8192, 1000, 20 };
     if (argc > 1) work.robots = atol(argv[1]);
     if (argc > 2) work.steps = atol(argv[2]);
     if (argc > 3) work.rounds = atol(argv[3]);
@@ -76,8 +76,9 @@ static inline Work work_of(int argc, char **argv)
     return work;
 }
 
-/* The best round is reported, since what slows a round down on a shared machine
- * is not the peer's; the median beside it tells how quiet the machine was. */
+/* The best round is reported, since what slows a round down on a shared machine is not
+ * the peer's fault; the median beside it tells how quiet the machine was. Hence many
+ * short rounds: one of them is likely to be left alone. */
 static inline int ascending(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
