@@ -13,7 +13,7 @@
 
 use core::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use crate::scalar::Scalar;
+use crate::scalar::{Registers, Scalar};
 
 /// A number and its derivatives with respect to `N` inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +104,7 @@ impl<T: Scalar, const N: usize> Mul for Dual<T, N> {
 impl<T: Scalar, const N: usize> Div for Dual<T, N> {
     type Output = Self;
 
-    #[inline(always)]
+    #[inline(never)]
     fn div(self, other: Self) -> Self {
         let mut result = Self::constant(self.value / other.value);
         let inverse = T::one() / other.value;
@@ -155,6 +155,7 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     type Single = Dual<T::Single, N>;
 
     const LANES: usize = T::LANES;
+    const REGISTERS: Registers = Registers::Unasked;
 
     #[inline(always)]
     fn from_lanes(value: impl FnMut(usize) -> f64) -> Self {
@@ -184,7 +185,7 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
         result
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         let mut result = Self::constant(self.value.mul_add(a.value, b.value));
         for k in 0..N {
@@ -195,20 +196,20 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     }
 
     /// The derivative at zero, where the slope is infinite, is zero: so `hypot` has one at rest.
-    #[inline(always)]
+    #[inline(never)]
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
         let slope = T::select(root.less_equal(T::zero()), T::zero(), T::from(0.5) / root);
         self.chain(root, slope)
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn sin_cos(self) -> (Self, Self) {
         let (sin, cos) = self.value.sin_cos();
         (self.chain(sin, cos), self.chain(cos, -sin))
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn atan(self) -> Self {
         let slope = T::one() / self.value.mul_add(self.value, T::one());
         self.chain(self.value.atan(), slope)
@@ -216,7 +217,7 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
 
     /// The derivative at the origin, where there is no direction, is zero. It needs the square of the
     /// radius, hence a radius from 1e-145 to 1e154; the value does not.
-    #[inline(always)]
+    #[inline(never)]
     fn atan2(self, x: Self) -> Self {
         let mut result = Self::constant(self.value.atan2(x.value));
         let square = self.value.mul_add(self.value, x.value * x.value);
@@ -228,18 +229,18 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
         result
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn exp(self) -> Self {
         let exp = self.value.exp();
         self.chain(exp, exp)
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn ln(self) -> Self {
         self.chain(self.value.ln(), T::one() / self.value)
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn tanh(self) -> Self {
         let tanh = self.value.tanh();
         self.chain(tanh, (-tanh).mul_add(tanh, T::one()))

@@ -72,6 +72,8 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
 pub trait Work<T: Scalar> {
     /// What comes of it.
     type Output;
+    /// Whether it is work of its own for platforms with motors alone.
+    const FOR_MOTORS: bool = false;
     /// Does it. N is the length of the state and Z that of the linear part, or both are 0 where
     /// only run time knows them.
     fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) -> Self::Output;

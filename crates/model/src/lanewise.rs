@@ -51,6 +51,20 @@ macro_rules! shared {
 
 shared!(bool, u32, u64, usize, String);
 
+/// A choice that is the same in all lanes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Alike<A>(pub A);
+
+impl<A: PartialEq> Lanewise for Alike<A> {
+    type One = Alike<A>;
+
+    fn fits(&self, one: &Alike<A>) -> bool {
+        self == one
+    }
+
+    fn put(&mut self, _lane: usize, _one: &Alike<A>) {}
+}
+
 impl<A: Lanewise> Lanewise for Vec<A> {
     type One = Vec<A::One>;
 

@@ -33,20 +33,25 @@ macro_rules! fused {
                     plain($($arg),*)
                 }
                 use $crate::scalar::Registers;
+                // What a constant leaves out is not compiled at all.
                 // SAFETY: numbers in registers exist only where the processor has those, and plain
                 // ones go this way only where it has them, too.
                 #[allow(unsafe_code)]
                 unsafe {
-                    if matches!(<$scalar as Scalar>::REGISTERS, Registers::Avx512) {
-                        return wide($($arg),*);
-                    }
-                    if matches!(<$scalar as Scalar>::REGISTERS, Registers::Avx2)
-                        || $crate::wide::has(Registers::Avx2)
-                    {
-                        return quick($($arg),*);
+                    if const { matches!(<$scalar as Scalar>::REGISTERS, Registers::Avx512) } {
+                        wide($($arg),*)
+                    } else if const { matches!(<$scalar as Scalar>::REGISTERS, Registers::Avx2) } {
+                        quick($($arg),*)
+                    } else if const { matches!(<$scalar as Scalar>::REGISTERS, Registers::Unasked) } {
+                        plain($($arg),*)
+                    } else if $crate::wide::has(Registers::Avx2) {
+                        quick($($arg),*)
+                    } else {
+                        plain($($arg),*)
                     }
                 }
             }
+            #[cfg(not(target_arch = "x86_64"))]
             plain($($arg),*)
         }
     };

@@ -141,7 +141,10 @@ pub trait Scalar:
 /// Registers that a number lives in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registers {
-    /// Those of any processor.
+    /// Those of any processor, and nothing better is worth compiling: derivatives are asked for
+    /// once a run, not in a batch.
+    Unasked,
+    /// Those of any processor, and vectors with fused multiply-add where it has them.
     Any,
     /// Vectors of 256 bits, with fused multiply-add.
     Avx2,

@@ -23,7 +23,7 @@ pub(crate) fn has(registers: Registers) -> bool {
     let fused =
         std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma");
     match registers {
-        Registers::Any => true,
+        Registers::Unasked | Registers::Any => true,
         Registers::Avx2 => fused,
         Registers::Avx512 => {
             fused
@@ -39,7 +39,12 @@ pub(crate) fn has(registers: Registers) -> bool {
 #[inline(always)]
 pub(crate) fn is_at_hand<T: Scalar>() -> bool {
     #[cfg(target_arch = "x86_64")]
-    return !matches!(T::REGISTERS, Registers::Any) || has(Registers::Avx2);
+    return match T::REGISTERS {
+        Registers::Unasked => false,
+        Registers::Any => has(Registers::Avx2),
+        // There are no such numbers elsewhere.
+        Registers::Avx2 | Registers::Avx512 => true,
+    };
     #[cfg(not(target_arch = "x86_64"))]
     true
 }
@@ -58,17 +63,24 @@ pub fn widest<T: Scalar, J: Job>(job: J) -> J::Output {
         fn wide<J: Job>(job: J) -> J::Output {
             job.run()
         }
+        // What a constant leaves out is not compiled at all.
         // SAFETY: numbers in registers exist only where the processor has those, and plain ones go
         // this way only where it has them, too.
         #[allow(unsafe_code)]
         unsafe {
-            if matches!(T::REGISTERS, Registers::Avx512) {
-                return wide(job);
-            }
-            if matches!(T::REGISTERS, Registers::Avx2) || has(Registers::Avx2) {
-                return fused(job);
+            if const { matches!(T::REGISTERS, Registers::Avx512) } {
+                wide(job)
+            } else if const { matches!(T::REGISTERS, Registers::Avx2) } {
+                fused(job)
+            } else if const { matches!(T::REGISTERS, Registers::Unasked) } {
+                job.run()
+            } else if has(Registers::Avx2) {
+                fused(job)
+            } else {
+                job.plain()
             }
         }
     }
+    #[cfg(not(target_arch = "x86_64"))]
     job.plain()
 }

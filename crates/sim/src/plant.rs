@@ -264,7 +264,7 @@ fn method<T: Scalar>(
     let exponential = || system.exponential(step);
     let adaptive = || {
         // A step that all lanes shared would depend on their neighbors: they are not for it.
-        if T::LANES > 1 {
+        if const { T::LANES > 1 } {
             return Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
         }
         let mut adaptive = match system {
@@ -442,7 +442,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
             (System::Rolling(s), Method::Exponential(m)) => {
                 m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
-            (_, Method::Adaptive(_)) if T::LANES > 1 => unreachable!("not for lanes"),
+            (_, Method::Adaptive(_)) if const { T::LANES > 1 } => unreachable!("not for lanes"),
             (System::Kinematic(s), Method::Adaptive(m)) => {
                 advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?
             }

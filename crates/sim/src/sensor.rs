@@ -296,16 +296,6 @@ impl<T: Scalar> Kernel<T> for Encoder<T> {
     }
 }
 
-impl Lanewise for OdometryMethod {
-    type One = OdometryMethod;
-
-    fn fits(&self, one: &OdometryMethod) -> bool {
-        self == one
-    }
-
-    fn put(&mut self, _lane: usize, _one: &OdometryMethod) {}
-}
-
 /// A pose summed from the turning of wheels. `[eq:odometry]`
 struct Reckoning<T> {
     gain: [Vec<T>; 3],

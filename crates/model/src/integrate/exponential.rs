@@ -113,6 +113,7 @@ impl<T: Scalar> Exponential<T> {
 
 impl<T: Scalar, I: Input<T>> Work<T> for Steps<'_, T, Exponential<T>, I> {
     type Output = ();
+    const FOR_MOTORS: bool = true;
 
     #[inline(never)]
     fn run<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {

@@ -466,11 +466,12 @@ macro_rules! shapes {
                 let plain = rolling.is_plain(u);
                 match self {
                     // A twin for motors is worth its size twice, one for torques once; of many lanes
-                    // those with motors alone, for each takes seconds to compile.
+                    // those with motors alone, for each takes seconds to compile. What a constant
+                    // leaves out is not compiled at all.
                     $(Shape::$name(compiled) => if $m > 0 && plain {
                         let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
-                    } else if T::LANES > 1 {
+                    } else if const { T::LANES > 1 || ($m == 0 && J::FOR_MOTORS) } {
                         job.run::<0, 0, _>(rolling)
                     } else {
                         let twin = Twin::<_, $u, $w, $m, $k, false> { rolling, compiled };

@@ -263,7 +263,7 @@ impl Batch {
             }])));
         }
         loaded.scenario.batch = Some(plan.clone());
-        let text = toml::to_string_pretty(&loaded.scenario).expect("a scenario is plain data");
+        let text = loaded.scenario.to_toml();
         loaded.resolved = text;
         let marks = match &plan.mark {
             Some(file) => marks(&loaded.folder.join(file))?,
@@ -410,7 +410,7 @@ impl Batch {
     /// The same without its text, quickly.
     fn sketch(&self, variant: usize, trial: u64) -> Result<Loaded, Diagnostics> {
         let drawn = self.drawn(trial);
-        let quick = self.templates[variant].with(&drawn);
+        let quick = scenario::with_numbers(&self.templates[variant], &drawn);
         quick.map_or_else(|| self.scenario(variant, trial), Ok)
     }
 

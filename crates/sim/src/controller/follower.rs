@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use appell_model::lanewise;
-use appell_model::lanewise::Lanewise;
+use appell_model::lanewise::Alike;
 use appell_model::math::wrap_angle;
 use appell_model::scalar::{Mask, Scalar};
 
@@ -25,8 +25,8 @@ pub type PathFollower<T> = Wired<Follower<T>>;
 /// What follows a path; see [`PathFollower`].
 pub struct Follower<T: Scalar> {
     path: Tracks<T>,
-    law: Law,
-    heading: Heading,
+    law: Alike<Law>,
+    heading: Alike<Heading>,
     speed: T,
     acceleration: T,
     lateral_acceleration: T,
@@ -86,21 +86,6 @@ const SLOWEST: f64 = 0.15;
 /// Yaw rate per heading error where the heading is turned for itself, 1/s.
 const TURN_GAIN: f64 = 3.0;
 
-macro_rules! same_in_all_lanes {
-    ($($type:ty),*) => {
-        $(impl Lanewise for $type {
-            type One = $type;
-
-            fn fits(&self, one: &$type) -> bool {
-                self == one
-            }
-
-            fn put(&mut self, _lane: usize, _one: &$type) {}
-        })*
-    };
-}
-
-same_in_all_lanes!(Law, Heading);
 lanewise!(State {} state { progress, speed, yaw_rate, turning, velocity });
 
 lanewise!(Follower { law, heading, turns } state {
@@ -148,8 +133,8 @@ pub fn path_follower<T: Scalar>(
     };
     let follower = Follower {
         path: Tracks::new(path.clone(), Arc::new(path.squared_limits(&limits))),
-        law: tuning.law,
-        heading: tuning.heading,
+        law: Alike(tuning.law),
+        heading: Alike(tuning.heading),
         speed,
         acceleration,
         lateral_acceleration,
@@ -211,7 +196,7 @@ impl<T: Scalar> Follower<T> {
     /// Moves the point that the errors are taken from on by a period `dt`, s.
     #[inline(always)]
     fn progress(&self, state: &mut State<T>, x: T, y: T, dt: T) {
-        if self.law == Law::Kanayama {
+        if self.law.0 == Law::Kanayama {
             // The reference goes its own way, but waits for a robot that is far behind.
             let along = self.beside(x, y, state.progress).along;
             let patience = T::from(2.0) + along / self.lookahead;
@@ -267,7 +252,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let faster = state.speed + step;
         let allowed = self.speed(&state, offset, dt);
         let mut command;
-        if self.heading == Heading::Steer {
+        if self.heading.0 == Heading::Steer {
             let turning = T::from(0.5).less(state.turning);
             let turn = T::select(turning, T::from(TURN.1), T::from(TURN.0));
             let astray = turn.less(heading_error.abs()).and(arrived.not());
@@ -279,7 +264,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
             // It stands at the end of the path, and brakes along the path before it turns.
             let stands = arrived.or(astray);
             state.speed = T::select(stands, braked.max(zero), moving);
-            command = place.steer(self.law, state.speed);
+            command = place.steer(self.law.0, state.speed);
             let spin = clamp(
                 T::from(-TURN_GAIN) * heading_error,
                 -self.yaw_rate,
@@ -294,8 +279,8 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         } else {
             let speed = T::select(arrived, zero, allowed);
             state.speed = speed.min(faster).max(braked);
-            command = place.move_sideways(self.law, state.speed);
-            let (wanted, rate) = if self.heading == Heading::Along {
+            command = place.move_sideways(self.law.0, state.speed);
+            let (wanted, rate) = if self.heading.0 == Heading::Along {
                 let bend = (T::one() - beside.curvature * offset).max(T::from(0.2));
                 (beside.heading, state.speed * (beside.curvature / bend))
             } else {
@@ -303,7 +288,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
             };
             command.yaw_rate = rate - T::from(TURN_GAIN) * wrap_angle(yaw - wanted);
         }
-        if self.law == Law::Kanayama {
+        if self.law.0 == Law::Kanayama {
             // It asks for speed in proportion to how far the robot is behind.
             let most = self.acceleration.max(self.lateral_acceleration);
             let change = T::from(1.5) * most * dt;

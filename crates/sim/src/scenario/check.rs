@@ -13,9 +13,6 @@ use control::{check_controller, check_task};
 use noise::{check_statistics, check_wheel_noise};
 use platform::platform_rules;
 
-/// Path, problem and hint of each rule that is broken.
-pub type Problems = Vec<(String, String, Option<String>)>;
-
 struct Checker {
     problems: Problems,
 }

@@ -10,7 +10,7 @@ use serde::de::{DeserializeOwned, Unexpected};
 use toml::{Table, Value};
 use toml_edit::{Document, Item, TableLike};
 
-use super::{Diagnostic, Diagnostics, Platform, Scenario, check};
+use crate::{Diagnostic, Diagnostics, Platform, Scenario};
 
 /// Largest file that is read, bytes: a scenario is written by hand.
 const SIZE_MAX: u64 = 1 << 20;
@@ -40,32 +40,91 @@ struct Source {
     prefix: String,
 }
 
-/// Reads, completes and checks a scenario file.
-pub fn load(file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
-    let text = read_text(file).map_err(one)?;
-    load_text(&text, file, overrides)
+/// Path, problem and hint of each rule that is broken.
+pub type Problems = Vec<(String, String, Option<String>)>;
+
+/// A scenario as it was written, with robot files and overrides put in: of the right shape, and not
+/// yet checked.
+pub struct Draft {
+    /// The scenario.
+    pub scenario: Scenario,
+    /// Folder that files named in it are relative to.
+    pub folder: PathBuf,
+    file: PathBuf,
+    sources: Vec<Source>,
+    overrides: Vec<(String, String)>,
 }
 
-/// The same from a text, as if it stood in `file`.
-pub fn load_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
-    let folder = file.parent().unwrap_or(Path::new("")).to_owned();
-    let (sources, table) = put_together(text, file, &folder, overrides)?;
-    let scenario: Scenario = shape(&table, &sources, overrides).map_err(one)?;
-    let problems = check(&scenario, &folder);
-    if !problems.is_empty() {
-        let located = problems
-            .into_iter()
-            .map(|(path, problem, hint)| locate(&sources, overrides, path, problem, hint));
-        return Err(Diagnostics(located.collect()));
+impl Draft {
+    /// Reads and completes a scenario file.
+    pub fn read(file: &Path, overrides: &Overrides) -> Result<Draft, Diagnostics> {
+        let text = read_text(file).map_err(one)?;
+        Draft::read_text(&text, file, overrides)
     }
-    let resolved =
-        toml::to_string_pretty(&scenario).expect("a scenario that was read can be written");
-    Ok(Loaded {
-        scenario,
-        file: file.to_owned(),
-        folder,
-        resolved,
-    })
+
+    /// The same from a text, as if it stood in `file`.
+    pub fn read_text(text: &str, file: &Path, overrides: &Overrides) -> Result<Draft, Diagnostics> {
+        let folder = file.parent().unwrap_or(Path::new("")).to_owned();
+        let (sources, table) = put_together(text, file, &folder, overrides)?;
+        Ok(Draft {
+            scenario: shape(&table, &sources, overrides).map_err(one)?,
+            folder,
+            file: file.to_owned(),
+            sources,
+            overrides: overrides.to_vec(),
+        })
+    }
+
+    /// The scenario, if no rule is broken; else every problem with its place.
+    pub fn judged(self, problems: Problems) -> Result<Loaded, Diagnostics> {
+        located(&self.sources, &self.overrides, problems)?;
+        Ok(Loaded {
+            resolved: self.scenario.to_toml(),
+            scenario: self.scenario,
+            file: self.file,
+            folder: self.folder,
+        })
+    }
+}
+
+/// A robot file as it was written, not yet checked.
+pub struct RobotDraft {
+    /// The robot.
+    pub platform: Platform,
+    source: Source,
+}
+
+impl RobotDraft {
+    /// Reads a robot file alone.
+    pub fn read(file: &Path) -> Result<RobotDraft, Diagnostics> {
+        let text = read_text(file).map_err(one)?;
+        let (source, table) = parse(&text, file, "").map_err(one)?;
+        let sources = [source];
+        let platform = shape(&table, &sources, &[]).map_err(one)?;
+        let [source] = sources;
+        Ok(RobotDraft { platform, source })
+    }
+
+    /// The robot, if no rule is broken; else every problem with its place.
+    pub fn judged(self, problems: Problems) -> Result<Platform, Diagnostics> {
+        located(&[self.source], &[], problems)?;
+        Ok(self.platform)
+    }
+}
+
+/// Refuses where there are problems, each led back to its line.
+fn located(
+    sources: &[Source],
+    overrides: &Overrides,
+    problems: Problems,
+) -> Result<(), Diagnostics> {
+    if problems.is_empty() {
+        return Ok(());
+    }
+    let located = problems
+        .into_iter()
+        .map(|(path, problem, hint)| locate(sources, overrides, path, problem, hint));
+    Err(Diagnostics(located.collect()))
 }
 
 /// The tables of a scenario and of its robot files, under overrides.
@@ -120,8 +179,8 @@ impl Template {
         })
     }
 
-    /// The scenario with numbers at paths; without its text. `None` where it would be refused:
-    /// [`load`] says why.
+    /// The scenario with numbers at paths, not checked and without its text. `None` where it has
+    /// another shape: [`Draft::read`] with the same overrides says why.
     pub fn with(&self, numbers: &[(String, f64)]) -> Option<Loaded> {
         let mut table = self.table.clone();
         for (path, number) in numbers {
@@ -132,9 +191,8 @@ impl Template {
             };
             set_value(&mut table, path, &value).ok()?;
         }
-        let scenario = Scenario::deserialize(Value::Table(table)).ok()?;
-        check(&scenario, &self.folder).is_empty().then(|| Loaded {
-            scenario,
+        Some(Loaded {
+            scenario: Scenario::deserialize(Value::Table(table)).ok()?,
             file: self.file.clone(),
             folder: self.folder.clone(),
             resolved: String::new(),
@@ -150,22 +208,6 @@ pub fn number_text(number: f64) -> String {
         true => format!("{number:.0}"),
         false => format!("{number:?}"),
     }
-}
-
-/// Reads and checks a robot file alone.
-pub fn load_robot(file: &Path) -> Result<Platform, Diagnostics> {
-    let text = read_text(file).map_err(one)?;
-    let (source, table) = parse(&text, file, "").map_err(one)?;
-    let sources = [source];
-    let platform: Platform = shape(&table, &sources, &[]).map_err(one)?;
-    let problems = super::check::check_platform(&platform, "");
-    if problems.is_empty() {
-        return Ok(platform);
-    }
-    let located = problems
-        .into_iter()
-        .map(|(path, problem, hint)| locate(&sources, &[], path, problem, hint));
-    Err(Diagnostics(located.collect()))
 }
 
 fn one(diagnostic: Diagnostic) -> Diagnostics {
@@ -496,11 +538,11 @@ fn within(task: &Value) -> Option<(&Value, String, String)> {
     let route = task.get("path").filter(|route| route.is_table())?;
     let pieces = route.get("piece").and_then(Value::as_array);
     for (k, piece) in pieces.into_iter().flatten().enumerate() {
-        if let Some(message) = wrong::<super::Piece>(piece) {
+        if let Some(message) = wrong::<crate::Piece>(piece) {
             return Some((piece, format!(".path.piece.{k}"), message));
         }
     }
-    wrong::<super::Route>(route).map(|message| (route, ".path".to_owned(), message))
+    wrong::<crate::Route>(route).map(|message| (route, ".path".to_owned(), message))
 }
 
 /// The path, within a table, of the value a message speaks of: below a `kind`, serde names the

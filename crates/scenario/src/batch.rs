@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::defaults;
+use crate::defaults;
 
 /// Many trials of the scenario, each with random numbers of its own: `appell batch`.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

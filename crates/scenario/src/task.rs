@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::defaults;
+use crate::defaults;
 
 /// What a robot has to do.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

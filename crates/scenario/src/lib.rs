@@ -1,10 +1,10 @@
-//! The scenario file: what people write. Plain data, read strictly, checked by [`check`].
+//! The scenario file: what people write. Plain data, read strictly; the rules that types cannot say
+//! are the simulator's, which knows what can be built from it ([`Draft::judged`]).
 //!
 //! The doc comments of these types are the reference manual: the JSON Schema and the book's tables
 //! are made from them. Units are SI unless the key says otherwise.
 
 mod batch;
-mod check;
 mod diagnostic;
 mod read;
 mod robot;
@@ -14,9 +14,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use batch::{Batch, Draw, Sampling, Variant, Vary};
-pub use check::{TRIALS_MAX, check};
 pub use diagnostic::{Diagnostic, Diagnostics};
-pub use read::{Loaded, Overrides, Template, load, load_robot, load_text, number_text};
+pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};
 pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Trailer, Wheel};
 pub use task::{Direction, Piece, Route, Side, Task};
 
@@ -56,6 +55,13 @@ pub struct Scenario {
     /// Many trials: what `appell batch` runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub batch: Option<Batch>,
+}
+
+impl Scenario {
+    /// The scenario as TOML: enough to run it again.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a scenario is plain data")
+    }
 }
 
 /// Tables of mean and standard deviation, over the recorded rows, of the differences between robots.

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::defaults;
+use crate::defaults;
 
 /// A robot file: body, wheels and drives.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
