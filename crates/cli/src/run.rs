@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use appell_sim::batch::Crew;
+use appell_sim::crowd::{Crowd, is_crowd};
 use appell_sim::record::{
     Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording,
 };
@@ -17,6 +19,9 @@ use crate::{exit, terminal};
 
 /// Most rows that a report is drawn from: 160 s at 100 Hz, thinned beyond.
 pub const REPORT_ROWS: usize = 16_000;
+
+/// Most robots that a report shows, evenly chosen.
+pub const REPORT_ROBOTS: usize = 30;
 
 /// Runs each scenario; the worst exit code of all.
 pub fn run(options: &RunOptions) -> u8 {
@@ -60,15 +65,38 @@ pub fn run(options: &RunOptions) -> u8 {
     worst
 }
 
+/// Runs a world or a crowd into a recorder, with progress.
+type Execute<'a> =
+    dyn FnMut(&mut dyn Recorder, &mut dyn FnMut(f64)) -> Result<Summary, SimError> + 'a;
+
 fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
-    let mut run = match Run::new(loaded, 0) {
-        Ok(run) => run,
+    let ran = if is_crowd(&loaded.scenario) {
+        Crowd::new(loaded, Crew::default()).map(|mut crowd| {
+            execute(
+                &mut |recorder, progress| crowd.execute(recorder, progress),
+                loaded,
+                folder,
+                options,
+            )
+        })
+    } else {
+        Run::new(loaded, 0).map(|mut run| {
+            execute(
+                &mut |recorder, progress| run.execute(recorder, progress),
+                loaded,
+                folder,
+                options,
+            )
+        })
+    };
+    let ran = match ran {
+        Ok(ran) => ran,
         Err(diagnostics) => {
             terminal::error(&diagnostics.to_string());
             return exit::BAD_INPUT;
         }
     };
-    match execute(&mut run, loaded, folder, options) {
+    match ran {
         Ok(summary) => {
             if options.json {
                 let text = match options.scenarios.len() {
@@ -143,7 +171,7 @@ impl From<RecordError> for Failure {
 }
 
 fn execute(
-    run: &mut Run,
+    run: &mut Execute<'_>,
     loaded: &Loaded,
     folder: &Path,
     options: &RunOptions,
@@ -182,14 +210,14 @@ fn execute(
             )?));
         }
     }
-    let memory = (!options.no_report).then(|| Memory::bounded(REPORT_ROWS));
+    let memory = (!options.no_report).then(|| Memory::excerpt(REPORT_ROWS, REPORT_ROBOTS));
     let mut recorder = Fan { files, memory };
     let mut progress = terminal::Progress::new(
         &loaded.scenario.name,
         loaded.scenario.time.duration,
         "times real time",
     );
-    let result = run.execute(&mut recorder, &mut |t| progress.at(t));
+    let result = run(&mut recorder, &mut |t| progress.at(t));
     progress.done();
     let summary = result.map_err(|error| match error {
         SimError::Record(error) => Failure::from(error),

@@ -4,7 +4,8 @@ use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use appell_sim::run::{Metric, Outcome, StatisticsTable, Summary};
+use appell_sim::crowd::spreads;
+use appell_sim::run::{Metric, Outcome, RobotSummary, StatisticsTable, Summary};
 
 use crate::arguments::Color;
 
@@ -98,21 +99,78 @@ pub fn number(value: f64) -> String {
     format!("{value:.*}", 4_usize.saturating_sub(whole.max(1)).max(1))
 }
 
+/// Most robots whose metrics are printed one by one.
+const ROBOTS_MAX: usize = 8;
+
+/// What a robot is and does, after its name.
+fn kind(robot: &RobotSummary) -> String {
+    format!(
+        "{} · level {} · drive {} · {}",
+        robot.task,
+        serde_json::to_value(robot.level)
+            .ok()
+            .and_then(|v| v.as_str().map(str::to_owned))
+            .unwrap_or_default(),
+        robot.drive,
+        robot.integrator
+    )
+}
+
+/// Metrics of many robots: of each kind how many passed, and quantiles.
+fn crowd(summary: &Summary) -> String {
+    let mut kinds: Vec<(String, Vec<&RobotSummary>)> = Vec::new();
+    for robot in &summary.robots {
+        // Robots of a count are called NAME-0, NAME-1, …
+        let name = match robot.name.rsplit_once('-') {
+            Some((name, place)) if place.parse::<u64>().is_ok() => name,
+            _ => robot.name.as_str(),
+        };
+        let kind = format!("{name} · {}", kind(robot));
+        match kinds.iter_mut().find(|(known, _)| *known == kind) {
+            Some((_, robots)) => robots.push(robot),
+            None => kinds.push((kind, vec![robot])),
+        }
+    }
+    let mut text = String::new();
+    for (kind, robots) in kinds {
+        text.push_str(&styled(&format!("{} × {kind}", robots.len()), "1"));
+        text.push('\n');
+        for outcome in [Outcome::Passed, Outcome::Failed, Outcome::Stopped] {
+            let mut of = robots.iter().filter(|robot| robot.verdict == outcome);
+            let count = of.clone().count();
+            if let Some(first) = of.next() {
+                let word = verdict(outcome);
+                text.push_str(&format!(
+                    "  {word}  {count}, such as {}: {}\n",
+                    first.name, first.reason
+                ));
+            }
+        }
+        text.push_str(&format!(
+            "  {:26} {:>10} {:>10} {:>10}\n",
+            "", "5 %", "median", "95 %"
+        ));
+        for spread in spreads(&robots) {
+            let [low, median, high] = spread.quantiles.map(number);
+            let row = format!(
+                "  {:26} {low:>10} {median:>10} {high:>10} {}",
+                spread.name, spread.unit
+            );
+            text.push_str(row.trim_end());
+            text.push('\n');
+        }
+    }
+    text
+}
+
 /// The table of a run's metrics.
 pub fn summary(summary: &Summary) -> String {
+    if summary.robots.len() > ROBOTS_MAX {
+        return crowd(summary);
+    }
     let mut text = String::new();
     for robot in &summary.robots {
-        let heading = format!(
-            "{} · {} · level {} · drive {} · {}",
-            robot.name,
-            robot.task,
-            serde_json::to_value(robot.level)
-                .ok()
-                .and_then(|v| v.as_str().map(str::to_owned))
-                .unwrap_or_default(),
-            robot.drive,
-            robot.integrator
-        );
+        let heading = format!("{} · {}", robot.name, kind(robot));
         text.push_str(&styled(&heading, "1"));
         text.push('\n');
         if summary.robots.len() > 1 {

@@ -228,6 +228,18 @@ pub enum DriveChoice {
 pub struct Robot {
     /// Name, unique in the scenario.
     pub name: String,
+    /// Number of robots of this kind, NAME-0, NAME-1 and so on, for `appell run`: they share the clock
+    /// and the recording, which has the motion of each. Robot k has the noise of trial k of a batch,
+    /// and leaves the run with its own verdict.
+    #[serde(
+        default = "defaults::count",
+        skip_serializing_if = "defaults::is_count"
+    )]
+    pub count: u64,
+    /// Values that are drawn for each robot of a count; paths below the robot, such as
+    /// `platform.body.mass` or `pose.0`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub vary: Vec<Vary>,
     /// Robot file, relative to the scenario file; or write the platform inline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
@@ -694,6 +706,12 @@ pub enum Format {
 mod defaults {
     use super::{DriveChoice, Level};
 
+    pub fn count() -> u64 {
+        1
+    }
+    pub fn is_count(count: &u64) -> bool {
+        *count == self::count()
+    }
     pub fn trials() -> u64 {
         1000
     }

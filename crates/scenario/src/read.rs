@@ -179,9 +179,21 @@ impl Template {
         })
     }
 
-    /// The scenario with numbers at paths, not checked and without its text. `None` where it has
-    /// another shape: [`Draft::read`] with the same overrides says why.
-    pub fn with(&self, numbers: &[(String, f64)]) -> Option<Loaded> {
+    /// A template of a scenario that was read.
+    pub fn of(loaded: &Loaded) -> Template {
+        let table = Table::try_from(&loaded.scenario).expect("a scenario is plain data");
+        Template {
+            table,
+            file: loaded.file.clone(),
+            folder: loaded.folder.clone(),
+        }
+    }
+
+    /// The scenario with numbers at paths, not checked and without its text.
+    ///
+    /// # Errors
+    /// There is no such path, or it takes no such number.
+    pub fn with(&self, numbers: &[(String, f64)]) -> Result<Loaded, Diagnostic> {
         let mut table = self.table.clone();
         for (path, number) in numbers {
             let text = number_text(*number);
@@ -189,10 +201,16 @@ impl Template {
                 Ok(whole) => Value::Integer(whole),
                 Err(_) => Value::Float(*number),
             };
-            set_value(&mut table, path, &value).ok()?;
+            set_value(&mut table, path, &value)?;
         }
-        Some(Loaded {
-            scenario: Scenario::deserialize(Value::Table(table)).ok()?,
+        let scenario = Scenario::deserialize(Value::Table(table)).map_err(|error| Diagnostic {
+            path: numbers
+                .first()
+                .map_or_else(String::new, |(path, _)| path.clone()),
+            ..plain(&self.file, error.message().trim().to_owned(), None)
+        })?;
+        Ok(Loaded {
+            scenario,
             file: self.file.clone(),
             folder: self.folder.clone(),
             resolved: String::new(),
@@ -395,6 +413,7 @@ fn set_value(table: &mut Table, path: &str, value: &Value) -> Result<(), Diagnos
         .expect("split yields at least one part");
     let mut tables: Vec<&mut Table> = vec![table];
     let mut at = 0;
+    let mut is_placed = false;
     while at < way.len() {
         let key = way[at];
         let mut next = Vec::new();
@@ -409,10 +428,17 @@ fn set_value(table: &mut Table, path: &str, value: &Value) -> Result<(), Diagnos
                     let wanted = &segments[at + 1..];
                     let names: Vec<String> = items.iter().map(entry_name).collect();
                     if !items.iter().any(Value::is_table) {
-                        return Err(refuse(
-                            format!("{key} is a list of values, not of tables"),
-                            "give the whole list: [1.0, 2.0]",
-                        ));
+                        let place = wanted[0].parse().ok().filter(|_| wanted.len() == 1);
+                        let count = items.len();
+                        let Some(item) = place.and_then(|k: usize| items.get_mut(k)) else {
+                            return Err(refuse(
+                                format!("{key} is a list of {count} values, not of tables"),
+                                "give the whole list: [1.0, 2.0], or one by its place, from 0",
+                            ));
+                        };
+                        *item = value.clone();
+                        is_placed = true;
+                        continue;
                     }
                     for (index, item) in items.iter_mut().enumerate() {
                         let chosen = match wanted[0] {
@@ -442,8 +468,10 @@ fn set_value(table: &mut Table, path: &str, value: &Value) -> Result<(), Diagnos
         tables = next;
         at += taken;
     }
-    for table in tables {
-        table.insert((*last).to_owned(), value.clone());
+    if !is_placed {
+        for table in tables {
+            table.insert((*last).to_owned(), value.clone());
+        }
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Speed of many robots, side by side in one run: ratios, not absolutes.
 //!
-//! `cargo bench -p appell-sim --bench lanes -- [model] [batch] [peers]`. Million steps of a robot per
+//! `cargo bench -p appell-sim --bench lanes -- [model] [batch] [crowd] [peers]`. Million steps of a robot per
 //! second; each figure is the best of several repetitions that take turns. `peers` runs the programs of
 //! `benches/peers` that are at hand.
 #![allow(missing_docs)]
@@ -20,6 +20,10 @@ use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_model::wheel::{Rim, Steering, Wheel};
 use appell_sim::batch::{Batch, Crew, Shard, Store, parse, sum_up};
+use appell_sim::crowd::Crowd;
+use appell_sim::record::Memory;
+use appell_sim::run::Metric;
+use appell_sim::scenario::load;
 
 const STEPS: u64 = 2000;
 const ROUNDS: usize = 30;
@@ -263,12 +267,56 @@ fn peers(base: f64) {
     }
 }
 
+/// One world of a thousand robots with motors, odometry and a controller at 100 Hz, steps of 1 ms.
+fn crowd() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/crowd.toml");
+    let overrides = [("robot.tri.count".to_owned(), "1000".to_owned())];
+    let loaded = load(&file, &overrides).expect("a scenario");
+    let mut best = [0.0_f64; 3];
+    for _ in 0..3 {
+        for (best, (threads, lanes)) in best.iter_mut().zip([(1, 1), (1, 8), (2, 8)]) {
+            let crew = Crew { threads, lanes };
+            let mut crowd = Crowd::new(&loaded, crew).expect("robots");
+            let start = Instant::now();
+            let mut memory = Memory::excerpt(2, 1);
+            let summary = crowd.execute(&mut memory, &mut |_| {}).expect("runs");
+            // Robots leave when they are there: what counts is how long all were on their way.
+            let of = |metric: &&Metric| metric.name == "time";
+            let times = summary
+                .robots
+                .iter()
+                .filter_map(|r| r.metrics.iter().find(of));
+            let mean = times.map(|time| time.value).sum::<f64>() / 1000.0;
+            *best = best.max(mean / start.elapsed().as_secs_f64());
+        }
+    }
+    println!("one world of 1000 robots with motors and controllers, judged and measured");
+    println!(
+        "  (f) one thread, one lane                 {:8.1} times real time",
+        best[0]
+    );
+    println!(
+        "  (f) one thread, x8                       {:8.1} times real time",
+        best[1]
+    );
+    println!(
+        "  (f) two threads, x8                      {:8.1} times real time",
+        best[2]
+    );
+}
+
 fn main() {
     let wanted: Vec<String> = std::env::args()
         .skip(1)
         .filter(|a| !a.starts_with('-'))
         .collect();
     let runs = |name: &str| wanted.is_empty() || wanted.iter().any(|w| w == name);
+    if runs("crowd") {
+        crowd();
+    }
+    if wanted.iter().all(|name| name == "crowd") && !wanted.is_empty() {
+        return;
+    }
     let base = model();
     if runs("batch") {
         batch(base);

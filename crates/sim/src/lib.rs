@@ -12,6 +12,7 @@ pub mod block;
 pub mod build;
 pub mod compare;
 pub mod controller;
+pub mod crowd;
 pub mod design;
 mod drawing;
 pub mod env;

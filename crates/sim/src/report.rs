@@ -5,8 +5,9 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::record::Recording;
-use crate::run::{Outcome, Summary};
+use crate::crowd::spreads;
+use crate::record::{Event, Recording};
+use crate::run::{Outcome, RobotSummary, Summary};
 
 /// The pure modules, in the order of their dependence.
 const MODULES: [&str; 6] = [
@@ -207,11 +208,13 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
     let robots = extra["robots"].as_array().cloned().unwrap_or_default();
     let mut derived = Map::new();
     let mut plots = difference_plots(recording, &extra["statistics"], &mut derived);
-    plots.extend(
-        robots
-            .iter()
-            .flat_map(|robot| robot_plots(recording, robot, extra, robots.len() > 1, &mut derived)),
-    );
+    if extra["crowd"].is_null() {
+        plots.extend(robots.iter().flat_map(|robot| {
+            robot_plots(recording, robot, extra, robots.len() > 1, &mut derived)
+        }));
+    } else {
+        plots.extend(crowd_plots(&robots));
+    }
     let mut signals = Map::new();
     for (signal, column) in header.signals.iter().zip(&recording.columns) {
         if is_drawn(&signal.path, &plots) {
@@ -222,9 +225,18 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
         }
     }
     signals.extend(derived);
+    // Of a crowd what went wrong is shown: the others stand on one another where they arrived.
+    let is_told = |event: &&Event| {
+        let of = summary
+            .robots
+            .iter()
+            .find(|robot| robot.name == event.robot);
+        extra["crowd"].is_null() || of.is_none_or(|robot| robot.verdict != Outcome::Passed)
+    };
     let events: Vec<Value> = recording
         .events
         .iter()
+        .filter(is_told)
         .enumerate()
         .map(|(k, event)| {
             let (text, detail) = match event.text.split_once(", ") {
@@ -234,16 +246,26 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
             json!({"n": k + 1, "t": event.t, "robot": event.robot, "text": text, "position": event.position, "detail": detail})
         })
         .collect();
-    let metrics: Vec<Value> = summary
-        .robots
-        .iter()
-        .flat_map(|robot| {
-            let prefix = if summary.robots.len() > 1 { format!("{}: ", robot.name) } else { String::new() };
-            robot.metrics.iter().map(move |m| {
-                json!({"name": format!("{prefix}{}", m.name), "value": m.value, "unit": m.unit, "note": m.note})
+    let metrics: Vec<Value> = if extra["crowd"].is_null() {
+        summary
+            .robots
+            .iter()
+            .flat_map(|robot| {
+                let prefix = if summary.robots.len() > 1 { format!("{}: ", robot.name) } else { String::new() };
+                robot.metrics.iter().map(move |m| {
+                    json!({"name": format!("{prefix}{}", m.name), "value": m.value, "unit": m.unit, "note": m.note})
+                })
             })
-        })
-        .collect();
+            .collect()
+    } else {
+        let robots: Vec<&RobotSummary> = summary.robots.iter().collect();
+        let told = spreads(&robots).into_iter().map(|spread| {
+            let [low, median, high] = spread.quantiles;
+            let note = format!("median of all; 90 % in {} … {}", digits(low), digits(high));
+            json!({"name": spread.name, "value": median, "unit": spread.unit, "note": note})
+        });
+        told.collect()
+    };
     let title = extra["title"].as_str().filter(|title| !title.is_empty());
     json!({
         "version": header.version,
@@ -264,7 +286,10 @@ pub fn data(recording: &Recording, summary: &Summary) -> Value {
                 Outcome::Failed => "failed",
                 Outcome::Stopped => "stopped",
             },
-            "sentence": sentence(summary),
+            "sentence": match extra["crowd"].as_u64() {
+                None => sentence(summary),
+                Some(all) => format!("{} Shown are {} of {all} robots.", sentence(summary), robots.len()),
+            },
         },
         "arena": extra["arena"],
         "robots": robots,
@@ -407,6 +432,32 @@ fn difference_plots(
 }
 
 /// The plots that matter for a robot and its task.
+/// Three significant digits.
+fn digits(value: f64) -> String {
+    let text = format!("{value:.2e}");
+    match text.parse::<f64>() {
+        Ok(rounded) if (1e-3..1e4).contains(&rounded.abs()) || rounded == 0.0 => {
+            rounded.to_string()
+        }
+        _ => text,
+    }
+}
+
+/// Plots of a crowd: a line for each robot.
+fn crowd_plots(robots: &[Value]) -> Vec<Value> {
+    let names: Vec<&str> = robots.iter().filter_map(|r| r["name"].as_str()).collect();
+    let plot = |title: &str, unit: &str, field: &str| {
+        let line = |name: &&str| json!({"signal": format!("robot.{name}.{field}"), "label": name, "role": "robot"});
+        let lines: Vec<Value> = names.iter().map(line).collect();
+        json!({"title": title, "unit": unit, "lines": lines, "limits": []})
+    };
+    vec![
+        plot("forward speed", "m/s", "twist.forward"),
+        plot("yaw rate", "rad/s", "twist.yaw_rate"),
+        plot("distance to the nearest beacon", "m", "clearance"),
+    ]
+}
+
 fn robot_plots(
     recording: &Recording,
     robot: &Value,

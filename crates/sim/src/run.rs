@@ -149,7 +149,7 @@ pub fn hash(text: &str) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn refuse(loaded: &Loaded, path: String, problem: String, hint: String) -> Diagnostics {
+pub(crate) fn refuse(loaded: &Loaded, path: String, problem: String, hint: String) -> Diagnostics {
     Diagnostics(vec![Diagnostic {
         file: loaded.file.clone(),
         at: None,
@@ -224,6 +224,14 @@ pub(crate) fn assemble<T: Scalar>(
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
     let mut outsides = Vec::new();
     for robot in &scenario.robot {
+        if robot.count > 1 {
+            return Err(refuse(
+                loaded,
+                format!("robot.{}.count", robot.name),
+                format!("must be 1 here, got {}", robot.count),
+                "robots by count are for `appell run`; a batch takes its --trials".into(),
+            ));
+        }
         let file = robot
             .platform
             .as_ref()
@@ -592,7 +600,7 @@ impl Account<'_> {
 }
 
 /// The verdict on all robots together.
-fn overall(robots: &[RobotSummary]) -> (Outcome, String) {
+pub(crate) fn overall(robots: &[RobotSummary]) -> (Outcome, String) {
     let worst = robots
         .iter()
         .find(|r| r.verdict == Outcome::Failed)

@@ -6,7 +6,7 @@ use std::path::Path;
 
 pub use appell_scenario::*;
 
-pub use check::{TRIALS_MAX, check};
+pub use check::{COUNT_MAX, TRIALS_MAX, check};
 
 /// Reads, completes and checks a scenario file.
 pub fn load(file: &Path, overrides: &Overrides) -> Result<Loaded, Diagnostics> {
@@ -33,7 +33,7 @@ pub fn load_robot(file: &Path) -> Result<Platform, Diagnostics> {
 /// The scenario of a template with numbers at paths; without its text. `None` where it would be
 /// refused: [`load`] says why.
 pub fn with_numbers(template: &Template, numbers: &[(String, f64)]) -> Option<Loaded> {
-    let loaded = template.with(numbers)?;
+    let loaded = template.with(numbers).ok()?;
     check(&loaded.scenario, &loaded.folder)
         .is_empty()
         .then_some(loaded)

@@ -361,6 +361,8 @@ impl<T: Scalar> World<T> {
             referee.judges[lane] = robot.judge;
             referee.beacons.put(lane, &rings(&robot.layout));
         }
+        // What was told of a trial that never ran is not told.
+        self.events.retain(|(of, _)| *of != lane);
         // Outputs of what has not run yet are zero.
         for value in &mut self.row {
             let before = *value;
@@ -430,9 +432,15 @@ impl<T: Scalar> World<T> {
         self.ticks[lane]
     }
 
+    /// Ticks between rows.
+    pub(crate) fn period(&self) -> u64 {
+        self.record.period
+    }
+
     /// Leaves a lane empty; the others go on.
     pub(crate) fn clear(&mut self, lane: usize) {
         self.running[lane] = false;
+        self.events.retain(|(of, _)| *of != lane);
     }
 
     /// Time of a lane's trial, s.

@@ -766,13 +766,15 @@ function legendItems(run, options) {
       svg: `<linearGradient id="${options.id}-speed">${stops}</linearGradient>${label(0, 12, '0', 'tick')}<rect x="11" y="3.5" width="104" height="9" fill="url(#${options.id}-speed)"/>${label(120, 12, most, 'tick')}`,
     });
   }
-  if (run.robots.length > 1) run.robots.forEach((robot, i) => items.push({ width: 26, words: robot.name, svg: `<path d="M0 8H26" class="trail s-${robotColor(run, i)}"/>` }));
+  if (isCrowd(run)) items.push({ width: 26, words: `${run.robots.length} robots`, svg: '<path d="M0 8H26" class="trail s-blue"/>' });
+  else if (run.robots.length > 1) run.robots.forEach((robot, i) => items.push({ width: 26, words: robot.name, svg: `<path d="M0 8H26" class="trail s-${robotColor(run, i)}"/>` }));
   if (some(r => r.path && r.path.length > 1)) items.push({ width: 26, words: some(r => r.goal && r.goal.kind === 'route') ? 'path to follow' : 'planned path', svg: '<path d="M0 8H26" class="ref"/>' });
   if (some(r => r.goal && r.goal.kind === 'slalom')) items.push({ width: 26, words: 'to be crossed here, this way', svg: '<path d="M13-1V17" class="chord"/><path d="M10 2L16 8L10 14" class="chevron"/>' });
   if (some(r => r.goal && r.goal.kind === 'gate')) items.push({ width: 26, words: 'gate', svg: '<path d="M0 8H26" class="none gate"/>' });
   const corridors = new Set(run.robots.map(r => r.goal && r.goal.kind === 'route' ? r.goal.tolerance : 0));
   for (const tolerance of corridors) if (tolerance > 0) items.push({ width: 26, words: `within ${plain(tolerance)} m of it`, svg: '<path d="M0 8H26" class="corridor" stroke-width="12"/>' });
-  for (const robot of run.robots) if (robot.goal && robot.goal.kind === 'homing') items.push({ width: 18, words: `goal, within ${plain(robot.goal.distance)} m`, svg: '<circle cx="9" cy="8" r="8" class="goal"/>' });
+  const docks = new Set(run.robots.map(r => r.goal && r.goal.kind === 'homing' ? r.goal.distance : 0));
+  for (const distance of docks) if (distance > 0) items.push({ width: 18, words: `goal, within ${plain(distance)} m`, svg: '<circle cx="9" cy="8" r="8" class="goal"/>' });
   if (run.arena.beacons.length > 0) {
     const radii = run.arena.beacons.map(b => b.radius);
     const same = radii.every(r => r === radii[0]);
@@ -789,6 +791,14 @@ function legendItems(run, options) {
   }
   if (run.robots.length > 0) items.push({ width: 14, words: 'center of mass', svg: '<path d="M1 8a6 6 0 1 0 12 0a6 6 0 1 0 -12 0H13M7 2V14" class="com"/>' });
   return items;
+}
+
+/**
+ * Whether there are too many robots to name each.
+ * @param {Run} run
+ */
+function isCrowd(run) {
+  return run.robots.length > 12;
 }
 
 /**
@@ -854,10 +864,10 @@ export function drawArena(run, options = {}) {
   const events = drawEvents(view, run, taken);
   const starts = run.robots.map((robot, i) => {
     const [x, y, yaw] = robot.start;
-    const name = run.robots.length > 1 ? robot.name : 'start';
+    const name = isCrowd(run) ? '' : run.robots.length > 1 ? robot.name : 'start';
     const boxes = around(view.x(x), view.y(y), 12, textWidth(name, 12), 12);
     const box = taken.best(boxes);
-    taken.box(box, 3);
+    if (name) taken.box(box, 3);
     const color = robotColor(run, i);
     return `<path transform="translate(${px(view.x(x))} ${px(view.y(y))}) rotate(${px(-yaw * 180 / Math.PI)})" d="M0-9V9M0-4.5L6 0L0 4.5" class="start"/>${label(box.x + box.width / 2, box.y + 10.5, name, color ? `halo bold t-${color}` : 'note halo', 'middle')}`;
   }).join('');

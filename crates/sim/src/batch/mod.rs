@@ -174,6 +174,20 @@ pub struct Batch {
     plans: Plans,
 }
 
+/// Values that are drawn for one robot of a count, with their paths: those of a batch that varies the
+/// same.
+pub(crate) fn drawn(robot: &str, vary: &[Vary], seed: u64, trial: u64) -> Vec<(String, f64)> {
+    let vary = vary.iter().map(|vary| Vary {
+        path: format!("robot.{robot}.{}", vary.path),
+        draw: vary.draw.clone(),
+    });
+    let plan = scenario::Batch {
+        vary: vary.collect(),
+        ..scenario::Batch::default()
+    };
+    draw::values(&plan, seed, trial)
+}
+
 /// Who runs a batch. The rows are the same whoever does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crew {

@@ -18,6 +18,9 @@ pub struct Memory {
     /// Of how many frames one is kept; doubles whenever the limit is reached.
     stride: u64,
     frames: u64,
+    /// Most robots that are kept, and the columns of those.
+    robots: usize,
+    columns: Option<Vec<usize>>,
 }
 
 impl Memory {
@@ -30,6 +33,8 @@ impl Memory {
             limit: usize::MAX,
             stride: 1,
             frames: 0,
+            robots: usize::MAX,
+            columns: None,
         }
     }
 
@@ -39,6 +44,41 @@ impl Memory {
             limit: limit.max(2),
             ..Self::new()
         }
+    }
+
+    /// The same of at most so many robots, evenly chosen from all.
+    pub fn excerpt(limit: usize, robots: usize) -> Self {
+        Self {
+            robots,
+            ..Self::bounded(limit)
+        }
+    }
+
+    /// Leaves robots out of the header where there are too many, and their columns.
+    fn choose(&mut self) {
+        let header = &mut self.recording.header;
+        let Some(robots) = header.extra["robots"].as_array_mut() else {
+            return;
+        };
+        let all = robots.len();
+        if all <= self.robots {
+            return;
+        }
+        let chosen: Vec<usize> = (0..self.robots).map(|k| k * all / self.robots).collect();
+        *robots = chosen.iter().map(|&k| robots[k].clone()).collect();
+        let names: Vec<&str> = robots.iter().filter_map(|r| r["name"].as_str()).collect();
+        let is_kept = |path: &str| {
+            let of = path
+                .strip_prefix("robot.")
+                .and_then(|p| p.split('.').next());
+            of.is_none_or(|of| names.contains(&of))
+        };
+        let columns: Vec<usize> = (0..header.signals.len())
+            .filter(|&k| is_kept(&header.signals[k].path))
+            .collect();
+        header.signals = columns.iter().map(|&k| header.signals[k].clone()).collect();
+        header.extra["crowd"] = all.into();
+        self.columns = Some(columns);
     }
 
     /// Drops every other row.
@@ -87,14 +127,16 @@ impl Recorder for Memory {
     fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
         check_begin(self.stage, header).map_err(refused)?;
         self.recording.header = header.clone();
+        self.choose();
         self.stage = Stage::Open;
         Ok(())
     }
 
     fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
-        check_row(self.stage, t, row, self.recording.header.signals.len()).map_err(refused)?;
+        let width = self.recording.header.signals.len();
+        let whole = self.columns.as_ref().map_or(width, |_| row.len());
+        check_row(self.stage, t, row, whole).map_err(refused)?;
         // The newest row always stands at the end; it stays if its turn has come.
-        let width = row.len();
         if self.frames > 0 && !(self.frames - 1).is_multiple_of(self.stride) {
             self.recording.times.pop();
             self.rows.truncate(self.rows.len() - width);
@@ -103,13 +145,23 @@ impl Recorder for Memory {
             self.thin();
         }
         self.recording.times.push(t);
-        self.rows.extend_from_slice(row);
+        match &self.columns {
+            Some(columns) => self.rows.extend(columns.iter().map(|&k| row[k])),
+            None => self.rows.extend_from_slice(row),
+        }
         self.frames += 1;
         Ok(())
     }
 
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         check_event(self.stage, event).map_err(refused)?;
+        if self.columns.is_some() {
+            let robots = self.recording.header.extra["robots"].as_array();
+            let known = |robot: &serde_json::Value| robot["name"] == *event.robot;
+            if !event.robot.is_empty() && !robots.is_some_and(|all| all.iter().any(known)) {
+                return Ok(());
+            }
+        }
         self.recording.events.push(event.clone());
         Ok(())
     }

@@ -128,6 +128,8 @@ fn number(value: f64) -> String {
 
 /// Trials of a batch at the most.
 pub const TRIALS_MAX: u64 = 100_000_000;
+/// Robots of a count at the most.
+pub const COUNT_MAX: u64 = 10_000;
 /// Steps of a run are counted up to here.
 const TICKS_MAX: f64 = 1e12;
 
@@ -279,10 +281,71 @@ fn check_terrain(c: &mut Checker, terrain: &Terrain) {
     }
 }
 
+/// The rules of robots by count.
+fn check_count(c: &mut Checker, robot: &Robot, scenario: &Scenario) {
+    let path = |field: &str| format!("robot.{}.{field}", robot.name);
+    c.require(
+        (1..=COUNT_MAX).contains(&robot.count),
+        path("count"),
+        &format!("in [1, {COUNT_MAX}]"),
+        robot.count,
+    );
+    if robot.count == 1 && !robot.vary.is_empty() {
+        c.refuse(
+            path("vary"),
+            "must be left out for a single robot",
+            "give it a count, or vary trials with [[batch.vary]]",
+        );
+    }
+    if robot.count > 1 && scenario.statistics.is_some() {
+        c.refuse(
+            path("count"),
+            format!("must be 1 beside [statistics], got {}", robot.count),
+            "statistics compare single robots",
+        );
+    }
+    for other in &scenario.robot {
+        let place = other
+            .name
+            .strip_prefix(&robot.name)
+            .and_then(|rest| rest.strip_prefix('-')?.parse().ok());
+        if place.is_some_and(|k: u64| robot.count > 1 && k < robot.count) {
+            c.refuse(
+                path("name"),
+                format!(
+                    "must not make the name of another robot, got \"{}\" and a count of {}",
+                    robot.name, robot.count
+                ),
+                &format!("robots of a count are called {0}-0, {0}-1, …", robot.name),
+            );
+        }
+    }
+    for (k, vary) in robot.vary.iter().enumerate() {
+        if let Some((field, problem)) = crate::batch::refuse(&vary.draw) {
+            c.refuse(path(&format!("vary.{k}.draw.{field}")), problem, "");
+        }
+        let of_its_own = ["name", "count", "vary", "file"];
+        let first = vary.path.split('.').next().unwrap_or("");
+        if of_its_own.contains(&first) {
+            c.refuse(
+                path(&format!("vary.{k}.path")),
+                format!("must be a number of the robot, got \"{}\"", vary.path),
+                "for instance platform.body.mass, or pose.0 for x at the start",
+            );
+        }
+    }
+    c.unique(
+        &path("vary"),
+        "path",
+        robot.vary.iter().map(|vary| vary.path.as_str()),
+    );
+}
+
 fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Path) {
     let base = format!("robot.{}", robot.name);
     let path = |field: &str| format!("{base}.{field}");
     c.name(path("name"), &robot.name);
+    check_count(c, robot, scenario);
     for value in robot.pose {
         c.finite(path("pose"), value);
     }
