@@ -223,6 +223,7 @@ impl<T: Scalar> Dynamics<T> for Kinematic<T> {
         }
     }
 
+    #[inline(always)]
     fn output(&self, x: &[T], u: &[T], _mode: &[T], y: &mut [T]) {
         let layout = self.platform.layout();
         let n = layout.dof();
@@ -249,6 +250,7 @@ impl<T: Scalar> Dynamics<T> for Kinematic<T> {
 
     fn decide(&self, _x: &[T], _u: &[T], _mode: &mut [T]) {}
 
+    #[inline(always)]
     fn settle(&self, x: &mut [T], _u: &[T], _mode: &mut [T]) {
         self.platform.renew_angles(x);
     }

@@ -120,6 +120,26 @@ fn nominal<T: Scalar>(value: T) -> f64 {
     value.lane(0)
 }
 
+// What is large and no part of the common step is a function of its own, entered by the widest
+// instructions.
+fused! {
+    /// See [`Platform::reduce`].
+    fn reduce<T: Scalar>(platform: &Platform<T>, x: &[T]) -> Reduced<T> {
+        platform.reduced(x)
+    }
+}
+fused! {
+    /// See [`Platform::velocity_from_twist`].
+    fn velocity_from_twist<T: Scalar>(
+        platform: &Platform<T>,
+        velocity: Vec2<T>,
+        yaw_rate: T,
+        steering: &[T],
+    ) -> Row<T> {
+        platform.closest_velocity(velocity, yaw_rate, steering)
+    }
+}
+
 impl<T: Scalar> Platform<T> {
     /// Checks the wheels and finds the coordinates.
     pub fn new(body: Body<T>, wheels: Vec<Wheel<T>>) -> Result<Self, PlatformError> {
@@ -298,6 +318,11 @@ impl<T: Scalar> Platform<T> {
 
     /// Velocity coordinates for a twist and steering rates: the closest that the fixed wheels allow.
     pub fn velocity_from_twist(&self, velocity: Vec2<T>, yaw_rate: T, steering: &[T]) -> Row<T> {
+        velocity_from_twist(self, velocity, yaw_rate, steering)
+    }
+
+    #[inline(always)]
+    fn closest_velocity(&self, velocity: Vec2<T>, yaw_rate: T, steering: &[T]) -> Row<T> {
         let eta = self.layout.eta;
         let mut normal = [[T::zero(); 3]; 3];
         let mut right = [T::zero(); 3];
@@ -581,8 +606,12 @@ impl<T: Scalar> Platform<T> {
     }
 
     /// The reduced equations for the steering angles in the state x. `[eq:reduced-dynamics]`
-    #[inline(always)]
     pub fn reduce(&self, x: &[T]) -> Reduced<T> {
+        reduce(self, x)
+    }
+
+    #[inline(always)]
+    fn reduced(&self, x: &[T]) -> Reduced<T> {
         let n = self.layout.dof();
         let mut reduced = Reduced {
             spin: [zero_row(); MAX_WHEELS],

@@ -142,7 +142,7 @@ impl<T: Scalar> Rolling<T> {
     fn reduced_in<'a>(&'a self, x: &[T], room: &'a mut Option<Reduced<T>>) -> &'a Reduced<T> {
         match &self.constant {
             Some(constant) => &constant.reduced,
-            None => room.insert(reduce(&self.platform, x)),
+            None => room.insert(self.platform.reduce(x)),
         }
     }
 
@@ -257,7 +257,7 @@ impl<T: Scalar> Rolling<T> {
     fn inverse_mass(&self, reduced: &Reduced<T>) -> Square<T> {
         match &self.constant {
             Some(constant) => constant.inverse,
-            None => invert(self.platform.layout().dof(), &reduced.mass),
+            None => crate::solve::inverse(self.platform.layout().dof(), &reduced.mass),
         }
     }
 
@@ -473,12 +473,6 @@ impl<T: Scalar> Rolling<T> {
 
 // What is no part of the common step is a function of its own, so that the step stays small; and each
 // is entered by the widest instructions anew.
-fused! {
-    /// See [`Platform::reduce`].
-    fn reduce<T: Scalar>(platform: &Platform<T>, x: &[T]) -> Reduced<T> {
-        platform.reduce(x)
-    }
-}
 fused! {
     /// See [`Rolling::any_derivative`].
     fn any_derivative<T: Scalar>(

@@ -47,10 +47,24 @@ pub fn add_outer<T: Scalar>(n: usize, matrix: &mut Square<T>, weight: T, a: &Row
     }
 }
 
-/// Inverse of a symmetric positive definite matrix of size n, by Gauss–Jordan without pivoting
-/// (stable for such matrices).
+fused! {
+    /// Inverse of a symmetric positive definite matrix of size n, by Gauss–Jordan without pivoting
+    /// (stable for such matrices).
+    pub fn invert<T: Scalar>(n: usize, matrix: &Square<T>) -> Square<T> {
+        inverse(n, matrix)
+    }
+}
+
+fused! {
+    /// [`product`] outside a step.
+    pub fn times<T: Scalar>(n: usize, matrix: &Square<T>, row: &Row<T>) -> Row<T> {
+        product(n, matrix, row)
+    }
+}
+
+/// [`invert`] within a step.
 #[inline(always)]
-pub fn invert<T: Scalar>(n: usize, matrix: &Square<T>) -> Square<T> {
+pub(crate) fn inverse<T: Scalar>(n: usize, matrix: &Square<T>) -> Square<T> {
     invert_known(n, matrix, T::zero())
 }
 

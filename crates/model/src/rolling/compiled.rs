@@ -8,7 +8,7 @@ use crate::dynamics::{Dynamics, Sizes, Work};
 use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, POSE, Platform, Reduced, YAW, renew_angle, straighten};
 use crate::scalar::{Mask, Scalar};
-use crate::solve::{Mobility, Row, Square, product, zero_row};
+use crate::solve::{Mobility, Row, Square, times, zero_row};
 use crate::wheel::Wheel;
 
 /// The equations of a platform of constant geometry: U velocity coordinates, W wheels that take part
@@ -153,7 +153,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             return None;
         }
         let short = |row: &Row<T>| -> [T; U] { core::array::from_fn(|k| row[k]) };
-        let through = |row: &Row<T>| short(&product(U, inverse, row));
+        let through = |row: &Row<T>| short(&times(U, inverse, row));
         let origin = platform.point_rows(Vec2::zero());
         let yaw = platform.yaw_row();
         let mut gyro = [[T::zero(); U]; U];
