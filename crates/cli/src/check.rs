@@ -3,6 +3,8 @@
 use std::io::Read;
 use std::path::Path;
 
+use appell_sim::batch::Crew;
+use appell_sim::crowd::{Crowd, is_crowd};
 use appell_sim::design::{Design, design, equations};
 use appell_sim::run::Run;
 use appell_sim::scenario::{self, Terrain};
@@ -47,14 +49,18 @@ pub fn check(options: &CheckOptions) -> u8 {
             }
         };
     }
-    let built = scenario::load(&options.file, &overrides)
-        .and_then(|loaded| Ok((Run::new(&loaded, 0)?, loaded)));
+    let built = scenario::load(&options.file, &overrides).and_then(|loaded| {
+        let header = match is_crowd(&loaded.scenario) {
+            true => Crowd::new(&loaded, Crew::default())?.header,
+            false => Run::new(&loaded, 0)?.header,
+        };
+        Ok((header.signals.len(), loaded))
+    });
     match built {
-        Ok((run, loaded)) => {
+        Ok((signals, loaded)) => {
             let mut out = format!(
-                "{}: a valid scenario with {} signals\n",
-                options.file.display(),
-                run.header.signals.len()
+                "{}: a valid scenario with {signals} signals\n",
+                options.file.display()
             );
             let gravity = match loaded.scenario.terrain {
                 Terrain::Flat { gravity, .. } | Terrain::Plane { gravity, .. } => gravity,

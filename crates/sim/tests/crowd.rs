@@ -150,11 +150,11 @@ fn refusal_of_counts() {
     for (changes, says) in [
         (
             &[("robot.tri.count", "0")][..],
-            "must be in [1, 10000], got 0",
+            "must be in [1, 9000], got 0",
         ),
         (
-            &[("robot.tri.count", "10001")],
-            "must be in [1, 10000], got 10001",
+            &[("robot.tri.count", "9001")],
+            "must be in [1, 9000], got 9001",
         ),
         (
             &[("robot.tri.count", "1")],

@@ -128,8 +128,8 @@ fn number(value: f64) -> String {
 
 /// Trials of a batch at the most.
 pub const TRIALS_MAX: u64 = 100_000_000;
-/// Robots of a count at the most.
-pub const COUNT_MAX: u64 = 10_000;
+/// Robots by count at the most, all together: a recording holds 65536 signals.
+pub const COUNT_MAX: u64 = 9_000;
 /// Steps of a run are counted up to here.
 const TICKS_MAX: f64 = 1e12;
 
@@ -169,6 +169,17 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
             "robot",
             "must have at least one entry",
             "add a [[robot]] table",
+        );
+    }
+    let all: u64 = scenario
+        .robot
+        .iter()
+        .fold(0, |sum, robot| sum.saturating_add(robot.count));
+    if all > COUNT_MAX {
+        c.refuse(
+            "robot",
+            format!("must be at most {COUNT_MAX} in all, got {all}"),
+            "take a lower count, or run trials with `appell batch`",
         );
     }
     c.unique(
