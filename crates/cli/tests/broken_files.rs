@@ -425,8 +425,8 @@ const SETS: &[(&[&str], &[&str])] = &[
     (&["--set", "robot=5"], &["--set: robot: must be"]),
     (&["--set", "robot.tri=5"], &["--set: robot.tri"]),
     (
-        &["--set", "arena.size.0=5"],
-        &["--set: arena.size.0", "size is a list of values"],
+        &["--set", "arena.size.2=5"],
+        &["--set: arena.size.2", "size is a list of 2 values"],
     ),
     (
         &["--set", "a.a.a.a.a.a.a.a.a.a.a.a=1"],
