@@ -57,7 +57,8 @@ impl Memory {
     /// Leaves robots out of the header where there are too many, and their columns.
     fn choose(&mut self) {
         let header = &mut self.recording.header;
-        let Some(robots) = header.extra["robots"].as_array_mut() else {
+        let robots = header.extra.get_mut("robots");
+        let Some(robots) = robots.and_then(serde_json::Value::as_array_mut) else {
             return;
         };
         let all = robots.len();
