@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use appell_sim::batch::Crew;
+use appell_sim::crowd::{Crowd, is_crowd};
 use appell_sim::record::{Memory, Recording};
 use appell_sim::run::{Outcome, Run, Summary};
 use appell_sim::scenario::{self, Loaded};
@@ -21,8 +23,13 @@ fn load(name: &str, set: &[(&str, &str)]) -> Loaded {
 }
 
 fn execute(loaded: &Loaded) -> (Recording, Summary) {
-    let mut run = Run::new(loaded, 0).unwrap_or_else(|e| panic!("{e}"));
     let mut memory = Memory::new();
+    if is_crowd(&loaded.scenario) {
+        let mut crowd = Crowd::new(loaded, Crew::default()).unwrap_or_else(|e| panic!("{e}"));
+        let summary = crowd.execute(&mut memory, &mut |_| {}).expect("runs");
+        return (memory.into_recording(), summary);
+    }
+    let mut run = Run::new(loaded, 0).unwrap_or_else(|e| panic!("{e}"));
     let summary = run.execute(&mut memory, &mut |_| {}).expect("runs");
     (memory.into_recording(), summary)
 }
