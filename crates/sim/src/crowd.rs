@@ -14,7 +14,7 @@ use crate::layout::Assignment;
 use crate::meter::Meter;
 use crate::plan::Path;
 use crate::record::{Event, Header, RecordError, Recorder};
-use crate::run::{Account, Outcome, Plans, RobotSummary, Summary, assemble, hash, overall, refuse};
+use crate::run::{Account, Outcome, Plans, RobotSummary, Summary, assemble, hash, refuse};
 use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Robot, Scenario, Template};
 use crate::signal::Signal;
 use crate::world::{Listener, Parts, SimError, World};
@@ -272,22 +272,7 @@ impl Crowd {
         told.sort_by_key(|(place, ..)| *place);
         let error = told.iter().find_map(|(.., error)| error.clone());
         let robots: Vec<RobotSummary> = told.into_iter().map(|(_, robot, _)| robot).collect();
-        let (verdict, reason) = match &error {
-            Some(error) => (Outcome::Stopped, error.clone()),
-            None => overall(&robots),
-        };
-        Summary {
-            verdict,
-            reason,
-            scenario: self.scenario.name.clone(),
-            hash: self.header.hash.clone(),
-            seed: self.scenario.seed,
-            version: self.header.version.clone(),
-            duration,
-            error,
-            robots,
-            statistics: Vec::new(),
-        }
+        Summary::of(&self.scenario, &self.header.hash, duration, robots, error)
     }
 }
 

@@ -431,7 +431,6 @@ fn difference_plots(
     plots
 }
 
-/// The plots that matter for a robot and its task.
 /// Three significant digits.
 fn digits(value: f64) -> String {
     let text = format!("{value:.2e}");
@@ -458,6 +457,7 @@ fn crowd_plots(robots: &[Value]) -> Vec<Value> {
     ]
 }
 
+/// The plots that matter for a robot and its task.
 fn robot_plots(
     recording: &Recording,
     robot: &Value,

@@ -580,27 +580,49 @@ impl Account<'_> {
                 }
             })
             .collect();
-        let (verdict, reason) = match error {
-            Some(error) => (Outcome::Stopped, error.to_string()),
+        Summary {
+            statistics: meter.statistics(lane, self.scenario),
+            ..Summary::of(
+                self.scenario,
+                self.hash,
+                now,
+                robots,
+                error.map(ToString::to_string),
+            )
+        }
+    }
+}
+
+impl Summary {
+    /// What became of robots together, which an error may have broken off after `duration`, s.
+    pub(crate) fn of(
+        scenario: &Scenario,
+        hash: &str,
+        duration: f64,
+        robots: Vec<RobotSummary>,
+        error: Option<String>,
+    ) -> Summary {
+        let (verdict, reason) = match &error {
+            Some(error) => (Outcome::Stopped, error.clone()),
             None => overall(&robots),
         };
         Summary {
             verdict,
             reason,
-            scenario: self.scenario.name.clone(),
-            hash: self.hash.to_owned(),
-            seed: self.scenario.seed,
+            scenario: scenario.name.clone(),
+            hash: hash.to_owned(),
+            seed: scenario.seed,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            duration: now,
-            error: error.map(ToString::to_string),
+            duration,
+            error,
             robots,
-            statistics: meter.statistics(lane, self.scenario),
+            statistics: Vec::new(),
         }
     }
 }
 
 /// The verdict on all robots together.
-pub(crate) fn overall(robots: &[RobotSummary]) -> (Outcome, String) {
+fn overall(robots: &[RobotSummary]) -> (Outcome, String) {
     let worst = robots
         .iter()
         .find(|r| r.verdict == Outcome::Failed)

@@ -18,6 +18,8 @@ pub struct Memory {
     /// Of how many frames one is kept; doubles whenever the limit is reached.
     stride: u64,
     frames: u64,
+    /// Length of a row that is given.
+    width: usize,
     /// Most robots that are kept, and the columns of those.
     robots: usize,
     columns: Option<Vec<usize>>,
@@ -33,6 +35,7 @@ impl Memory {
             limit: usize::MAX,
             stride: 1,
             frames: 0,
+            width: 0,
             robots: usize::MAX,
             columns: None,
         }
@@ -128,15 +131,15 @@ impl Recorder for Memory {
     fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
         check_begin(self.stage, header).map_err(refused)?;
         self.recording.header = header.clone();
+        self.width = header.signals.len();
         self.choose();
         self.stage = Stage::Open;
         Ok(())
     }
 
     fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
+        check_row(self.stage, t, row, self.width).map_err(refused)?;
         let width = self.recording.header.signals.len();
-        let whole = self.columns.as_ref().map_or(width, |_| row.len());
-        check_row(self.stage, t, row, whole).map_err(refused)?;
         // The newest row always stands at the end; it stays if its turn has come.
         if self.frames > 0 && !(self.frames - 1).is_multiple_of(self.stride) {
             self.recording.times.pop();
