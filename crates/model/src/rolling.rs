@@ -94,24 +94,26 @@ impl<T: Scalar> Rolling<T> {
             .map(|wheel| (wheel.mount, wheel.stiffness))
             .collect();
         let support = Support::new(&contacts);
-        let shape = constant
-            .as_ref()
-            .and_then(|fixed| Shape::new(&platform, &axles, &fixed.reduced, &fixed.inverse));
         let is_level = is_zero(ground.gravity.x)
             .and(is_zero(ground.gravity.y))
             .all();
         let is_dry = |axle: &Axle<T>| axle.rubs || axle.rounding.is_some();
-        Rolling {
+        let mut rolling = Rolling {
             platform,
             ground,
-            constant,
-            shape,
+            constant: None,
+            shape: None,
             any_rubs: axles.iter().any(|axle| axle.rubs),
             is_level,
             is_smooth: is_level && !axles.iter().any(is_dry),
             axles,
             support,
-        }
+        };
+        rolling.shape = constant
+            .as_ref()
+            .and_then(|constant| Shape::new(&rolling, constant));
+        rolling.constant = constant;
+        rolling
     }
 
     /// The platform.
@@ -281,7 +283,11 @@ impl<T: Scalar> Rolling<T> {
             );
             return v_rate;
         }
-        product(layout.dof(), &self.inverse_mass(reduced), &forces.total)
+        match &self.constant {
+            // By reference: the matrix of many lanes is too large to be copied each time.
+            Some(constant) => product(layout.dof(), &constant.inverse, &forces.total),
+            None => product(layout.dof(), &self.inverse_mass(reduced), &forces.total),
+        }
     }
 
     /// The accelerations under the conditions of steered wheels only, with the mobility they leave.
@@ -371,6 +377,92 @@ impl<T: Scalar> Rolling<T> {
         dx[ledger + 1] = windings;
         dx[ledger + 2] = gears;
         dx[ledger + 3] = friction;
+    }
+
+    /// The motion of any platform.
+    #[inline(always)]
+    fn any_motion(&self, x: &[T], mode: &[T], y: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let v = &x[layout.velocity()..layout.velocity() + n];
+        let (velocity, yaw_rate) = self.platform.twist(v);
+        y[0] = velocity.x;
+        y[1] = velocity.y;
+        y[2] = yaw_rate;
+        for i in 0..layout.wheels {
+            let (rate, swivel) = match &self.constant {
+                Some(constant) if self.platform.is_dynamic(i) => {
+                    (dot(n, &constant.reduced.spin[i], v), T::zero())
+                }
+                Some(_) => self.follow(i, x, velocity, yaw_rate),
+                None => {
+                    let frame = self.platform.wheel_frame(i, x);
+                    let spin = dot(n, &self.platform.spin_row(i, &frame), v);
+                    (spin, dot(n, &self.platform.swivel_row(i, &frame), v))
+                }
+            };
+            let rests = if self.axles[i].rubs {
+                is_zero(mode[i])
+            } else {
+                T::Mask::splat(false)
+            };
+            y[layout.wheel_output(i, WheelOutput::SpinRate)] = T::select(rests, T::zero(), rate);
+            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = swivel;
+        }
+    }
+
+    /// The outputs of any platform.
+    #[inline(always)]
+    fn any_output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+        let layout = self.platform.layout();
+        let n = layout.dof();
+        let mut room = None;
+        let reduced = self.reduced_in(x, &mut room);
+        let forces = self.forces(x, u, mode, reduced);
+        let v_rate = self.acceleration(x, reduced, &forces);
+        let (longitudinal, lateral) = self.contact_forces(x, u, reduced, &forces, &v_rate);
+        let v = &x[layout.velocity()..layout.velocity() + n];
+        y[0] = forces.velocity.x;
+        y[1] = forces.velocity.y;
+        y[2] = forces.yaw_rate;
+        y[3] = T::from(0.5) * dot(n, &product(n, &reduced.mass, v), v);
+        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
+        let body = self.platform.body();
+        let mut moment = body.center_of_mass * body.mass;
+        let mut magnetic = T::zero();
+        for i in 0..layout.wheels {
+            let wheel = &self.platform.wheels()[i];
+            let frame = self.platform.wheel_frame(i, x);
+            moment = moment + frame.contact * wheel.mass;
+            let Action {
+                torque, current, ..
+            } = forces.actions[i];
+            if let Drive::DcMotor(motor) = &wheel.drive {
+                magnetic += T::from(0.5) * motor.inductance * current * current;
+            }
+            let (rate, swivel) = if self.platform.is_dynamic(i) {
+                (forces.actions[i].rate, dot(n, &reduced.swivel[i], v))
+            } else {
+                self.follow(i, x, forces.velocity, forces.yaw_rate)
+            };
+            let mut set = |what: WheelOutput, value: T| y[layout.wheel_output(i, what)] = value;
+            set(WheelOutput::SpinRate, rate);
+            set(WheelOutput::SteeringRate, swivel);
+            set(WheelOutput::Torque, torque);
+            set(WheelOutput::Current, current);
+            set(WheelOutput::Longitudinal, longitudinal[i]);
+            set(WheelOutput::Lateral, lateral[i]);
+        }
+        let mass = self.platform.total_mass();
+        let center = vec2(x[0], x[1]) * mass + moment.rotated(cos, sin);
+        y[4] = -self.ground.gravity.dot(center);
+        y[5] = magnetic;
+        let (loads, margin) = self.carry(x, &longitudinal, &lateral);
+        y[6] = margin;
+        for i in 0..layout.wheels {
+            y[layout.wheel_output(i, WheelOutput::Load)] = loads[i];
+        }
+        debug_assert_eq!(y.len(), BODY_OUTPUTS + WHEEL_OUTPUTS * layout.wheels);
     }
 
     /// φ̇ and γ̇ of a caster that only follows.
@@ -486,6 +578,12 @@ fused! {
     }
 }
 fused! {
+    /// See [`Rolling::any_output`].
+    fn any_output<T: Scalar>(rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+        rolling.any_output(x, u, mode, y);
+    }
+}
+fused! {
     /// See [`Rolling::steered_acceleration`].
     fn steered_acceleration<T: Scalar>(
         rolling: &Rolling<T>,
@@ -543,85 +641,18 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
 
     #[inline(always)]
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
-        let layout = self.platform.layout();
-        let n = layout.dof();
-        let mut room = None;
-        let reduced = self.reduced_in(x, &mut room);
-        let forces = self.forces(x, u, mode, reduced);
-        let v_rate = self.acceleration(x, reduced, &forces);
-        let (longitudinal, lateral) = self.contact_forces(x, u, reduced, &forces, &v_rate);
-        let v = &x[layout.velocity()..layout.velocity() + n];
-        y[0] = forces.velocity.x;
-        y[1] = forces.velocity.y;
-        y[2] = forces.yaw_rate;
-        y[3] = T::from(0.5) * dot(n, &product(n, &reduced.mass, v), v);
-        let (cos, sin) = (x[YAW + 1], x[YAW + 2]);
-        let body = self.platform.body();
-        let mut moment = body.center_of_mass * body.mass;
-        let mut magnetic = T::zero();
-        for i in 0..layout.wheels {
-            let wheel = &self.platform.wheels()[i];
-            let frame = self.platform.wheel_frame(i, x);
-            moment = moment + frame.contact * wheel.mass;
-            let Action {
-                torque, current, ..
-            } = forces.actions[i];
-            if let Drive::DcMotor(motor) = &wheel.drive {
-                magnetic += T::from(0.5) * motor.inductance * current * current;
-            }
-            let (rate, swivel) = if self.platform.is_dynamic(i) {
-                (forces.actions[i].rate, dot(n, &reduced.swivel[i], v))
-            } else {
-                self.follow(i, x, forces.velocity, forces.yaw_rate)
-            };
-            let mut set = |what: WheelOutput, value: T| y[layout.wheel_output(i, what)] = value;
-            set(WheelOutput::SpinRate, rate);
-            set(WheelOutput::SteeringRate, swivel);
-            set(WheelOutput::Torque, torque);
-            set(WheelOutput::Current, current);
-            set(WheelOutput::Longitudinal, longitudinal[i]);
-            set(WheelOutput::Lateral, lateral[i]);
+        match &self.shape {
+            // What sticks needs the general search for the forces that hold it.
+            Some(shape) if !self.any_rubs => compiled::output(shape, self, x, u, mode, y),
+            _ => any_output(self, x, u, mode, y),
         }
-        let mass = self.platform.total_mass();
-        let center = vec2(x[0], x[1]) * mass + moment.rotated(cos, sin);
-        y[4] = -self.ground.gravity.dot(center);
-        y[5] = magnetic;
-        let (loads, margin) = self.carry(x, &longitudinal, &lateral);
-        y[6] = margin;
-        for i in 0..layout.wheels {
-            y[layout.wheel_output(i, WheelOutput::Load)] = loads[i];
-        }
-        debug_assert_eq!(y.len(), BODY_OUTPUTS + WHEEL_OUTPUTS * layout.wheels);
     }
 
     #[inline(always)]
     fn motion(&self, x: &[T], _u: &[T], mode: &[T], y: &mut [T]) {
-        let layout = self.platform.layout();
-        let n = layout.dof();
-        let v = &x[layout.velocity()..layout.velocity() + n];
-        let (velocity, yaw_rate) = self.platform.twist(v);
-        y[0] = velocity.x;
-        y[1] = velocity.y;
-        y[2] = yaw_rate;
-        for i in 0..layout.wheels {
-            let (rate, swivel) = match &self.constant {
-                Some(constant) if self.platform.is_dynamic(i) => {
-                    (dot(n, &constant.reduced.spin[i], v), T::zero())
-                }
-                Some(_) => self.follow(i, x, velocity, yaw_rate),
-                None => {
-                    let frame = self.platform.wheel_frame(i, x);
-                    let spin = dot(n, &self.platform.spin_row(i, &frame), v);
-                    (spin, dot(n, &self.platform.swivel_row(i, &frame), v))
-                }
-            };
-            let rests = if self.axles[i].rubs {
-                is_zero(mode[i])
-            } else {
-                T::Mask::splat(false)
-            };
-            y[layout.wheel_output(i, WheelOutput::SpinRate)] = T::select(rests, T::zero(), rate);
-            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = swivel;
+        match &self.shape {
+            Some(shape) if !self.any_rubs => compiled::motion(shape, self, x, y),
+            _ => self.any_motion(x, mode, y),
         }
     }
 

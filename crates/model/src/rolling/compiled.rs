@@ -2,11 +2,11 @@
 //! step is left to run time. `[eq:constant-geometry]`
 
 use super::axle::{Action, Axle, Supply};
-use super::{Rolling, is_zero};
-use crate::drive::Winding;
+use super::{Constant, Rolling, is_zero};
+use crate::drive::{Drive, Winding};
 use crate::dynamics::{Dynamics, Sizes, Work};
 use crate::planar::{Vec2, vec2};
-use crate::platform::{LEDGER, MAX_WHEELS, POSE, Platform, Reduced, YAW, renew_angle, straighten};
+use crate::platform::{LEDGER, MAX_WHEELS, POSE, WheelOutput, YAW, renew_angle, straighten};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, times, zero_row};
 use crate::wheel::Wheel;
@@ -33,7 +33,99 @@ pub(super) struct Compiled<T, const U: usize, const W: usize, const M: usize, co
     windings: [Winding<T>; M],
     /// The wheels that take part, as indices.
     wheels: [usize; W],
+    /// The casters that follow, and which wheels they are.
     followers: [Follower<T>; K],
+    casters: [usize; K],
+    /// What forces and energies follow from.
+    bulk: Bulk<T, U, W>,
+}
+
+/// The robot as one body, and where the ground acts on it; base axes.
+#[derive(Clone, Debug)]
+struct Bulk<T, const U: usize, const W: usize> {
+    /// M.
+    inertia: [[T; U]; U],
+    mass: T,
+    /// Mass times center of mass, kg·m, of all.
+    first: Vec2<T>,
+    /// Moment of inertia about P, kg·m².
+    second: T,
+    /// Center of mass, m, and what a force moves the zero-moment point by, m/N, of what the contacts carry.
+    center: Vec2<T>,
+    lift: T,
+    weight: T,
+    contacts: [Contact<T>; W],
+    /// ½ L of each motor, H.
+    coils: [T; W],
+}
+
+/// Where and how the ground acts on a wheel.
+#[derive(Clone, Copy, Debug)]
+struct Contact<T> {
+    point: Vec2<T>,
+    /// Directions of the force that the drive raises, and of the side force.
+    direction: Vec2<T>,
+    left: Vec2<T>,
+    per_lever: T,
+    spin_inertia: T,
+    /// Side force for a force and moment that all wheels together must give.
+    side: [T; 3],
+}
+
+impl<T: Scalar, const U: usize, const W: usize> Bulk<T, U, W> {
+    fn new(
+        rolling: &Rolling<T>,
+        wheels: &[usize; W],
+        mass: &Square<T>,
+        sideways: &[[T; 3]; 3],
+    ) -> Self {
+        let platform = &rolling.platform;
+        let body = platform.body();
+        let x = vec![T::zero(); platform.layout().state()];
+        let mut whole = body.mass;
+        let mut first = body.center_of_mass * body.mass;
+        let mut second = body.center_of_mass.dot(body.center_of_mass) * body.mass;
+        second += body.inertia_com;
+        let mut height = body.com_height * body.mass;
+        let contacts = wheels.map(|i| {
+            let wheel = &platform.wheels()[i];
+            let frame = platform.wheel_frame(i, &x);
+            let rolling = platform.rolling_row(i, &frame);
+            whole += wheel.mass;
+            first = first + frame.contact * wheel.mass;
+            second += frame.contact.dot(frame.contact) * wheel.mass + wheel.inertia_vertical;
+            height = wheel.mass.mul_add(wheel.radius, height);
+            let side = super::contact::side_row(&frame);
+            let share = |b: usize| {
+                let of = |a: usize| side[a] * sideways[a][b];
+                of(0) + of(1) + of(2)
+            };
+            let shared = wheel.is_plain();
+            Contact {
+                point: frame.contact,
+                direction: rolling.direction,
+                left: frame.left,
+                per_lever: T::one() / rolling.lever,
+                spin_inertia: wheel.spin_inertia,
+                side: [0, 1, 2].map(|b| if shared { share(b) } else { T::zero() }),
+            }
+        });
+        let weight = whole * rolling.ground.gravity_normal;
+        Bulk {
+            inertia: core::array::from_fn(|a| core::array::from_fn(|b| mass[a][b])),
+            mass: whole,
+            first,
+            second,
+            center: first * (T::one() / whole),
+            lift: height / whole / weight,
+            weight,
+            contacts,
+            coils: wheels.map(|i| match &platform.wheels()[i].drive {
+                Drive::DcMotor(motor) => T::from(0.5) * motor.inductance,
+                _ => T::zero(),
+            }),
+        }
+    }
 }
 
 /// A caster that follows the motion, its divisions multiplied out.
@@ -125,12 +217,15 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     Compiled<T, U, W, M, K>
 {
     /// `None` if the platform has other sizes.
-    fn new(
-        platform: &Platform<T>,
-        axles: &[Axle<T>],
-        reduced: &Reduced<T>,
-        inverse: &Square<T>,
-    ) -> Option<Box<Self>> {
+    fn new(rolling: &Rolling<T>, constant: &Constant<T>) -> Option<Box<Self>> {
+        let Rolling {
+            platform, axles, ..
+        } = rolling;
+        let Constant {
+            reduced,
+            inverse,
+            sideways,
+        } = constant;
         let layout = platform.layout();
         let (dynamic, following): (Vec<usize>, Vec<usize>) =
             (0..layout.wheels).partition(|&i| platform.is_dynamic(i));
@@ -140,6 +235,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             .map(|&i| Follower::new(&platform.wheels()[i]))
             .collect();
         let followers: [Follower<T>; K] = followers.try_into().ok()?;
+        let casters: [usize; K] = following.try_into().ok()?;
         let motors: Vec<Winding<T>> = wheels
             .iter()
             .filter_map(|&i| match axles[i].supply {
@@ -175,8 +271,10 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             wrench: [through(&origin[0]), through(&origin[1]), through(&yaw)],
             axles: wheels.map(|i| axles[i].clone()),
             windings,
+            bulk: Bulk::new(rolling, &wheels, &reduced.mass, sideways),
             wheels,
             followers,
+            casters,
         }))
     }
 
@@ -321,6 +419,128 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         }
     }
 
+    /// As [`Rolling::any_motion`], where no wheel can stick.
+    #[inline(always)]
+    fn motion_output(&self, rolling: &Rolling<T>, x: &[T], y: &mut [T]) {
+        let layout = rolling.platform.layout();
+        let (v, velocity, yaw_rate) = self.motion(x);
+        y[0] = velocity.x;
+        y[1] = velocity.y;
+        y[2] = yaw_rate;
+        for w in 0..W {
+            let i = self.wheels[w];
+            y[layout.wheel_output(i, WheelOutput::SpinRate)] = along(&self.spin[w], &v);
+            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = T::zero();
+        }
+        for k in 0..K {
+            let at = Self::SWIVELS + 3 * k;
+            let (swivel, spin) = self.followers[k].rates(x[at + 1], x[at + 2], velocity, yaw_rate);
+            let i = self.casters[k];
+            y[layout.wheel_output(i, WheelOutput::SpinRate)] = spin;
+            y[layout.wheel_output(i, WheelOutput::SteeringRate)] = swivel;
+        }
+    }
+
+    /// As [`Rolling::any_output`], where no wheel can stick.
+    #[inline(always)]
+    fn output(&self, rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+        self.motion_output(rolling, x, y);
+        let layout = rolling.platform.layout();
+        let bulk = &self.bulk;
+        let (v, velocity, yaw_rate) = self.motion(x);
+        let brake = u[layout.brake_input()];
+        let wrench = self.wrench::<false>(rolling, u);
+        let mut v_rate = self.drift::<false>(rolling, x, &v, yaw_rate, &wrench);
+        let mut torques = [T::zero(); W];
+        let mut magnetic = T::zero();
+        let mut pushed = [T::zero(); U];
+        for w in 0..W {
+            let i = self.wheels[w];
+            let axle = &self.axles[w];
+            let mut action = axle.resist(brake, mode[i], along(&self.spin[w], &v));
+            if M == 0 {
+                axle.drive(&mut action, u[i], T::zero());
+            } else {
+                action.drive(&self.windings[w], u[i], x[Self::CURRENTS + w]);
+            }
+            torques[w] = action.torque - action.lost;
+            for k in 0..U {
+                pushed[k] += self.push[w][k] * torques[w];
+            }
+            magnetic += bulk.coils[w] * action.current * action.current;
+            y[layout.wheel_output(i, WheelOutput::Torque)] = action.torque;
+            y[layout.wheel_output(i, WheelOutput::Current)] = action.current;
+        }
+        for k in 0..U {
+            v_rate[k] += pushed[k];
+        }
+        let linear = vec2(
+            along(&self.twist[0], &v_rate),
+            along(&self.twist[1], &v_rate),
+        );
+        let angular = along(&self.twist[2], &v_rate);
+
+        // What the ground must give to all: force, and moment about P.
+        let gravity = rolling.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
+        let felt = linear + velocity.perpendicular() * yaw_rate - gravity;
+        let mut force = felt * bulk.mass + bulk.first.perpendicular() * angular
+            - bulk.first * (yaw_rate * yaw_rate);
+        let mut moment = bulk.second.mul_add(angular, bulk.first.cross(felt));
+        if let Some(outside) = wrench {
+            force = force - vec2(outside[0], outside[1]);
+            moment -= outside[2];
+        }
+        let mut drawn = Vec2::zero();
+        for w in 0..W {
+            let contact = &bulk.contacts[w];
+            let spun = contact.spin_inertia * along(&self.spin[w], &v_rate);
+            let longitudinal = (torques[w] - spun) * contact.per_lever;
+            y[layout.wheel_output(self.wheels[w], WheelOutput::Longitudinal)] = longitudinal;
+            let pull = contact.direction * longitudinal;
+            drawn = drawn + pull;
+            moment -= contact.point.cross(pull);
+        }
+        force = force - drawn;
+        for w in 0..W {
+            let contact = &bulk.contacts[w];
+            let turned = contact.side[2] * moment;
+            let lateral =
+                contact.side[0].mul_add(force.x, contact.side[1].mul_add(force.y, turned));
+            y[layout.wheel_output(self.wheels[w], WheelOutput::Lateral)] = lateral;
+            drawn = drawn + contact.left * lateral;
+        }
+
+        let mut kinetic = T::zero();
+        for k in 0..U {
+            kinetic = v[k].mul_add(along(&bulk.inertia[k], &v), kinetic);
+        }
+        y[3] = T::from(0.5) * kinetic;
+        let first = bulk.first.rotated(x[YAW + 1], x[YAW + 2]);
+        y[4] = -rolling
+            .ground
+            .gravity
+            .dot(vec2(x[0], x[1]) * bulk.mass + first);
+        y[5] = magnetic;
+        let support = rolling.support.as_ref();
+        let point = bulk.center - drawn * bulk.lift;
+        y[6] = support.map_or(T::zero(), |support| support.margin(point));
+        let loads = support.map_or([T::zero(); MAX_WHEELS], |s| s.loads(bulk.weight, point));
+        for i in 0..layout.wheels {
+            y[layout.wheel_output(i, WheelOutput::Load)] = loads[i];
+        }
+        for i in self.casters {
+            // It passes no force on.
+            for what in [
+                WheelOutput::Torque,
+                WheelOutput::Current,
+                WheelOutput::Longitudinal,
+                WheelOutput::Lateral,
+            ] {
+                y[layout.wheel_output(i, what)] = T::zero();
+            }
+        }
+    }
+
     /// Keeps the sticking wheels at rest.
     #[inline(never)]
     fn hold(&self, rolling: &Rolling<T>, u: &[T], mode: &[T], v_rate: &mut [T; U]) {
@@ -426,16 +646,27 @@ macro_rules! shapes {
 
         impl<T: Scalar> Shape<T> {
             /// `None` for all other sizes.
-            pub(super) fn new(
-                platform: &Platform<T>,
-                axles: &[Axle<T>],
-                reduced: &Reduced<T>,
-                inverse: &Square<T>,
-            ) -> Option<Self> {
-                $(if let Some(compiled) = Compiled::new(platform, axles, reduced, inverse) {
+            pub(super) fn new(rolling: &Rolling<T>, constant: &Constant<T>) -> Option<Self> {
+                $(if let Some(compiled) = Compiled::new(rolling, constant) {
                     return Some(Shape::$name(compiled));
                 })*
                 None
+            }
+
+            /// The motion, as for [`Self::output`].
+            #[inline(always)]
+            fn motion(&self, rolling: &Rolling<T>, x: &[T], y: &mut [T]) {
+                match self {
+                    $(Shape::$name(compiled) => compiled.motion_output(rolling, x, y),)*
+                }
+            }
+
+            /// The outputs, of a platform without dry friction that can hold a wheel.
+            #[inline(always)]
+            fn output(&self, rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+                match self {
+                    $(Shape::$name(compiled) => compiled.output(rolling, x, u, mode, y),)*
+                }
             }
 
             /// The derivative, where the caller does not know the sizes.
@@ -497,7 +728,34 @@ fused! {
     }
 }
 
-// Two driven wheels on an axle with up to two casters, as torque or motor drives.
+fused! {
+    /// See [`Shape::motion`].
+    pub(super) fn motion<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        y: &mut [T],
+    ) {
+        shape.motion(rolling, x, y);
+    }
+}
+
+fused! {
+    /// See [`Shape::output`].
+    pub(super) fn output<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        y: &mut [T],
+    ) {
+        shape.output(rolling, x, u, mode, y);
+    }
+}
+
+// Two driven wheels on an axle with up to two casters, as torque or motor drives; four mecanum wheels
+// with motors.
 shapes! {
     Axle: 2, 2, 0, 0;
     AxleCaster: 2, 2, 0, 1;
@@ -505,4 +763,112 @@ shapes! {
     Motors: 2, 2, 2, 0;
     MotorsCaster: 2, 2, 2, 1;
     MotorsCasters: 2, 2, 2, 2;
+    Mecanum: 3, 4, 4, 0;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::DcMotor;
+    use crate::ground::Ground;
+    use crate::platform::{Body, Platform};
+    use crate::wheel::{Rim, Steering};
+
+    fn wheel(mount: [f64; 2], rim: Rim<f64>, drive: Drive<f64>) -> Wheel<f64> {
+        Wheel {
+            name: format!("{mount:?}"),
+            mount: vec2(mount[0], mount[1]),
+            radius: 0.05,
+            steering: Steering::Fixed { angle: 0.1 },
+            rim,
+            mass: 0.3,
+            inertia_vertical: 2e-4,
+            spin_inertia: 1e-3,
+            viscous: 2e-3,
+            pivot_viscous: 0.0,
+            dry_friction: 0.02,
+            friction_rounding: 0.1,
+            brake: 0.0,
+            stiffness: 1.0,
+            drive,
+        }
+    }
+
+    fn motor() -> Drive<f64> {
+        Drive::DcMotor(DcMotor {
+            resistance: 1.2,
+            inductance: 1.2e-3,
+            torque_constant: 0.05,
+            back_emf_constant: 0.05,
+            gear_ratio: 20.0,
+            gear_efficiency: 0.8,
+            voltage_max: 24.0,
+            current_max: 10.0,
+        })
+    }
+
+    fn caster() -> Wheel<f64> {
+        Wheel {
+            steering: Steering::Free { trail: 0.03 },
+            mass: 0.0,
+            inertia_vertical: 0.0,
+            spin_inertia: 0.0,
+            viscous: 0.0,
+            dry_friction: 0.0,
+            friction_rounding: 0.0,
+            ..wheel([-0.2, 0.02], Rim::Plain, Drive::None)
+        }
+    }
+
+    fn axle(drive: Drive<f64>) -> Vec<Wheel<f64>> {
+        let mut wheels = [0.15, -0.16].map(|y| wheel([0.0, y], Rim::Plain, drive));
+        for wheel in &mut wheels {
+            wheel.steering = Steering::Fixed { angle: 0.0 };
+        }
+        wheels.to_vec()
+    }
+
+    /// The compiled outputs are those of the general equations, on a slope, under a wrench.
+    #[test]
+    fn peer_general_outputs() {
+        let mecanum = [(0.2, 0.15), (0.2, -0.15), (-0.2, 0.15), (-0.2, -0.15)].map(|(x, y)| {
+            let angle = -0.7 * f64::signum(x * y);
+            wheel([x, y], Rim::Rollers { angle }, motor())
+        });
+        let torque = Drive::Torque { torque_max: 5.0 };
+        let robots = [
+            axle(motor()),
+            [axle(motor()), vec![caster()]].concat(),
+            [axle(torque), vec![caster()]].concat(),
+            mecanum.to_vec(),
+        ];
+        for wheels in robots {
+            let body = Body {
+                mass: 9.0,
+                inertia_com: 0.1,
+                center_of_mass: vec2(-0.05, 0.01),
+                com_height: 0.1,
+            };
+            let ground = Ground {
+                gravity: vec2(-0.7, 0.4),
+                gravity_normal: 9.7,
+            };
+            let platform = Platform::new(body, wheels).expect("a platform");
+            let rolling = Rolling::new(platform, ground);
+            assert!(rolling.shape.is_some());
+            let sizes = rolling.sizes();
+            let x: Vec<f64> = (0..sizes.state)
+                .map(|k| 0.3 + 0.2 * ((3 * k) % 7) as f64)
+                .collect();
+            let u: Vec<f64> = (0..sizes.input).map(|k| 2.0 - 0.7 * k as f64).collect();
+            let mode = vec![1.0; sizes.mode];
+            let [mut quick, mut general] = [(); 2].map(|()| vec![f64::NAN; sizes.output]);
+            rolling.output(&x, &u, &mode, &mut quick);
+            rolling.any_output(&x, &u, &mode, &mut general);
+            for (k, (a, b)) in quick.iter().zip(&general).enumerate() {
+                // Some twenty operations on forces of some 100 N.
+                assert!((a - b).abs() < 1e-12 * (100.0 + b.abs()), "{k}: {a} {b}");
+            }
+        }
+    }
 }

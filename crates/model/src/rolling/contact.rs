@@ -177,7 +177,7 @@ impl<T: Scalar> Rolling<T> {
 
 /// Force and moment about P of a unit side force on a wheel.
 #[inline(always)]
-fn side_row<T: Scalar>(frame: &WheelFrame<T>) -> [T; 3] {
+pub(super) fn side_row<T: Scalar>(frame: &WheelFrame<T>) -> [T; 3] {
     [frame.left.x, frame.left.y, frame.contact.cross(frame.left)]
 }
 
