@@ -1,0 +1,247 @@
+//! What a plug-in says of itself.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use crate::wire::PROTOCOL;
+
+/// Most ports, and most parameters, of a plug-in.
+const PORTS_MAX: usize = 1024;
+/// Longest name of anything, bytes.
+const NAME_MAX: usize = 200;
+
+/// What went wrong at the border.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field}: {problem}")]
+pub struct Fault {
+    /// Where: `file`, `start`, `describe`, `parameters.NAME`, `step`, `outputs.NAME` and so on.
+    pub field: String,
+    /// What.
+    pub problem: String,
+    /// What would do, where that is known.
+    pub hint: String,
+}
+
+impl Fault {
+    pub(crate) fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
+        Fault {
+            field: field.into(),
+            problem: problem.into(),
+            hint: String::new(),
+        }
+    }
+
+    pub(crate) fn hint(self, hint: impl Into<String>) -> Self {
+        Fault {
+            hint: hint.into(),
+            ..self
+        }
+    }
+}
+
+/// A plug-in as it describes itself.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Descriptor {
+    /// Version of the messages that it speaks.
+    pub protocol: u32,
+    /// Name.
+    pub name: String,
+    /// Version, in its own counting.
+    #[serde(default)]
+    pub version: String,
+    /// One line for people.
+    #[serde(default)]
+    pub about: String,
+    /// What it reads, in the order of its inputs.
+    pub inputs: Vec<Port>,
+    /// What it writes, in the order of its outputs.
+    pub outputs: Vec<Output>,
+    /// What can be set.
+    #[serde(default)]
+    pub parameters: Vec<Parameter>,
+}
+
+/// A signal that is read, by its path below the robot.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Port {
+    /// Path below the robot, such as `pose.x`.
+    pub name: String,
+    /// Unit, as `appell run` lists it.
+    pub unit: String,
+}
+
+/// A signal that is written.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Output {
+    /// Path below the robot, such as `command.forward`.
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Least value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Largest value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}
+
+/// A number that can be set.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Parameter {
+    /// Name.
+    pub name: String,
+    /// Unit.
+    #[serde(default)]
+    pub unit: String,
+    /// Value where none is given.
+    pub default: f64,
+    /// Least value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Largest value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// One line for people.
+    #[serde(default)]
+    pub about: String,
+}
+
+impl Output {
+    /// Lets a value through, or says why not.
+    pub(crate) fn admit(&self, value: f64) -> Result<(), Fault> {
+        let refuse = |problem: String| Err(Fault::new(format!("outputs.{}", self.name), problem));
+        if !value.is_finite() {
+            return refuse(format!("must be finite, got {value}"));
+        }
+        match range(self.min, self.max, value) {
+            None => Ok(()),
+            Some(limit) => refuse(format!("must be {limit} {}, got {value}", self.unit)),
+        }
+    }
+}
+
+/// The limit that a value breaks, in words.
+fn range(min: Option<f64>, max: Option<f64>, value: f64) -> Option<String> {
+    match (min, max) {
+        (Some(min), _) if value < min => Some(format!("at least {min}")),
+        (_, Some(max)) if value > max => Some(format!("at most {max}")),
+        _ => None,
+    }
+}
+
+impl Descriptor {
+    /// Refuses what no host could make sense of.
+    pub(crate) fn check(&self) -> Result<(), Fault> {
+        let refuse = |field: String, problem: String| Err(Fault::new(field, problem));
+        if self.protocol != PROTOCOL {
+            let problem = format!(
+                "must speak version {PROTOCOL} of the messages, got {}",
+                self.protocol
+            );
+            return Err(Fault::new("describe.protocol", problem).hint(
+                "it was made for another version of Appell: take an SDK that goes with this one",
+            ));
+        }
+        let inputs = self.inputs.iter().map(|port| (&port.name, &port.unit));
+        let outputs = self.outputs.iter().map(|port| (&port.name, &port.unit));
+        let parameters = self.parameters.iter().map(|p| (&p.name, &p.unit));
+        check_names("inputs", inputs)?;
+        check_names("outputs", outputs)?;
+        check_names("parameters", parameters)?;
+        let limited = self
+            .outputs
+            .iter()
+            .map(|o| ("outputs", &o.name, o.min, o.max));
+        let set = self
+            .parameters
+            .iter()
+            .map(|p| ("parameters", &p.name, p.min, p.max));
+        for (list, name, min, max) in limited.chain(set) {
+            let is_wrong = |bound: Option<f64>| bound.is_some_and(f64::is_nan);
+            let crossed = matches!((min, max), (Some(min), Some(max)) if min > max);
+            if is_wrong(min) || is_wrong(max) || crossed {
+                let got = format!("limits must be numbers in their order, got {min:?} to {max:?}");
+                return refuse(format!("describe.{list}.{name}"), got);
+            }
+        }
+        for parameter in &self.parameters {
+            let outside = range(parameter.min, parameter.max, parameter.default);
+            if !parameter.default.is_finite() || outside.is_some() {
+                return refuse(
+                    format!("describe.parameters.{}", parameter.name),
+                    format!(
+                        "its default must be within its limits, got {}",
+                        parameter.default
+                    ),
+                );
+            }
+        }
+        if self.outputs.is_empty() {
+            return refuse(
+                "describe.outputs".into(),
+                "must not be empty: it would do nothing".into(),
+            );
+        }
+        Ok(())
+    }
+
+    /// The value of every parameter, in their order.
+    pub(crate) fn complete(
+        &self,
+        given: &BTreeMap<String, f64>,
+    ) -> Result<Vec<(String, f64)>, Fault> {
+        let find = |name: &String| self.parameters.iter().find(|p| p.name == *name);
+        for (name, &value) in given {
+            let field = format!("parameters.{name}");
+            let Some(parameter) = find(name) else {
+                let known: Vec<&str> = self.parameters.iter().map(|p| p.name.as_str()).collect();
+                let hint = match known.is_empty() {
+                    true => "it has no parameters".to_owned(),
+                    false => format!("it has: {}", known.join(", ")),
+                };
+                let problem = "must be a parameter of the plug-in".to_owned();
+                return Err(Fault::new(field, problem).hint(hint));
+            };
+            if !value.is_finite() {
+                return Err(Fault::new(field, format!("must be finite, got {value}")));
+            }
+            if let Some(limit) = range(parameter.min, parameter.max, value) {
+                let problem = format!("must be {limit} {}, got {value}", parameter.unit);
+                return Err(Fault::new(field, problem));
+            }
+        }
+        let value = |p: &Parameter| given.get(&p.name).copied().unwrap_or(p.default);
+        let named = |p: &Parameter| (p.name.clone(), value(p));
+        Ok(self.parameters.iter().map(named).collect())
+    }
+}
+
+fn check_names<'a>(
+    list: &str,
+    names: impl Iterator<Item = (&'a String, &'a String)>,
+) -> Result<(), Fault> {
+    let mut seen = BTreeSet::new();
+    for (name, unit) in names {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+        let well = !name.is_empty() && name.len() <= NAME_MAX && name.chars().all(is_plain);
+        if !well || unit.len() > NAME_MAX {
+            let shown: String = name.chars().take(40).collect();
+            let problem = format!("names must be letters, digits, '.', '_' and '-', got {shown:?}");
+            return Err(Fault::new(format!("describe.{list}"), problem));
+        }
+        if !seen.insert(name) {
+            let problem = format!("names must differ, got {name:?} twice");
+            return Err(Fault::new(format!("describe.{list}"), problem));
+        }
+        if seen.len() > PORTS_MAX {
+            let problem = format!("must be at most {PORTS_MAX}");
+            return Err(Fault::new(format!("describe.{list}"), problem));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,164 @@
+//! Plug-ins: controllers written in other languages, in other processes.
+//!
+//! A plug-in says what it reads, what it writes and what can be set ([`Descriptor`]). Of one plug-in there
+//! can be several *members*, each with parameters and a memory of its own: one for each robot, or trial,
+//! that it drives. [`Plugin`] is the border: whatever the foreign side does, what comes through it is of
+//! the right length, finite and within the limits that were stated, or it is a [`Fault`].
+//!
+//! This crate knows nothing of robots. A plug-in runs in a child process and talks over its standard
+//! input and output; the messages are those of [`wire`], which the book documents for other languages.
+
+mod contract;
+mod process;
+pub mod wire;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde_json::Value;
+
+pub use contract::{Descriptor, Fault, Output, Parameter, Port};
+pub use process::{Limits, Process};
+
+/// A plug-in that runs.
+#[derive(Debug)]
+pub struct Plugin {
+    process: Process,
+    descriptor: Descriptor,
+    hash: String,
+    next: u32,
+    /// Room for what comes back.
+    results: Vec<f64>,
+}
+
+impl Plugin {
+    /// Starts the plug-in of a file and asks it what it is.
+    ///
+    /// # Errors
+    /// The file cannot be read or started, or what it says of itself is refused.
+    pub fn open(file: &Path, limits: Limits) -> Result<Plugin, Fault> {
+        let bytes = std::fs::read(file)
+            .map_err(|error| Fault::new("file", format!("cannot be read: {error}")))?;
+        let mut process = Process::start(file, limits)?;
+        let descriptor: Descriptor = process.describe()?;
+        descriptor.check()?;
+        Ok(Plugin {
+            process,
+            descriptor,
+            hash: digest(&bytes),
+            next: 0,
+            results: Vec::new(),
+        })
+    }
+
+    /// What it says of itself.
+    pub fn descriptor(&self) -> &Descriptor {
+        &self.descriptor
+    }
+
+    /// SHA-256 of its file, in hexadecimal.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Whether it can still be spoken to.
+    pub fn is_alive(&self) -> bool {
+        self.process.is_alive()
+    }
+
+    /// Makes a member with these parameters, of those it has, in a place that `context` tells of.
+    ///
+    /// # Errors
+    /// A parameter is unknown or out of its limits, or the plug-in refuses.
+    pub fn create(
+        &mut self,
+        parameters: &BTreeMap<String, f64>,
+        context: &Value,
+    ) -> Result<u32, Fault> {
+        let parameters = self.descriptor.complete(parameters)?;
+        let member = self.next;
+        self.process.create(member, &parameters, context)?;
+        self.next += 1;
+        Ok(member)
+    }
+
+    /// Ends a member. What cannot be ended is gone already.
+    pub fn destroy(&mut self, member: u32) {
+        let _ = self.process.destroy(member);
+    }
+
+    /// Makes a step of `dt`, s, from `t`, s, of one member: writes its outputs, in their order.
+    ///
+    /// # Errors
+    /// It fails, takes too long, ends, or gives what its own limits exclude; `output` is not touched.
+    pub fn step(
+        &mut self,
+        member: u32,
+        t: f64,
+        dt: f64,
+        input: &[f64],
+        output: &mut [f64],
+    ) -> Result<(), Fault> {
+        debug_assert_eq!(input.len(), self.descriptor.inputs.len());
+        let call = wire::Call {
+            member,
+            t,
+            dt,
+            input,
+        };
+        self.step_many(&[call], output).map_err(|(_, fault)| fault)
+    }
+
+    /// Makes a step of several members at once; `output` holds theirs one after the other. The same
+    /// as one by one.
+    ///
+    /// # Errors
+    /// The first call that failed, by its place, and why; `output` is not touched.
+    pub fn step_many(
+        &mut self,
+        calls: &[wire::Call<'_>],
+        output: &mut [f64],
+    ) -> Result<(), (usize, Fault)> {
+        let width = self.descriptor.outputs.len();
+        self.results.clear();
+        self.process.step(calls, width, &mut self.results)?;
+        for (k, values) in self.results.chunks_exact(width.max(1)).enumerate() {
+            for (port, &value) in self.descriptor.outputs.iter().zip(values) {
+                port.admit(value).map_err(|fault| (k, fault))?;
+            }
+        }
+        output.copy_from_slice(&self.results);
+        Ok(())
+    }
+
+    /// What a member remembers, as bytes of its own making.
+    ///
+    /// # Errors
+    /// It fails.
+    pub fn save(&mut self, member: u32) -> Result<Vec<u8>, Fault> {
+        self.process.save(member)
+    }
+
+    /// Gives a member back what one of its kind remembered.
+    ///
+    /// # Errors
+    /// It does not take it.
+    pub fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), Fault> {
+        self.process.restore(member, bytes)
+    }
+
+    /// Tells a member, which is about to take over from another block, what that one wrote last.
+    ///
+    /// # Errors
+    /// It does not take it.
+    pub fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), Fault> {
+        self.process.take_over(member, outputs)
+    }
+}
+
+/// SHA-256 of bytes, in hexadecimal.
+pub fn digest(bytes: &[u8]) -> String {
+    use sha2::Digest;
+    let digest = sha2::Sha256::digest(bytes);
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,385 @@
+//! A plug-in as a child process, spoken to over its standard input and output.
+
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::contract::{Descriptor, Fault};
+use crate::wire::{self, Call, kind};
+
+/// What a plug-in may take.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limits {
+    /// Longest time until it has described itself, or made a member.
+    pub start: Duration,
+    /// Longest time for an answer.
+    pub answer: Duration,
+    /// Most memory that it can address, MiB.
+    pub memory: u64,
+    /// Where Python looks for modules besides its own places.
+    pub python_path: Option<PathBuf>,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits {
+            start: Duration::from_secs(10),
+            answer: Duration::from_secs(1),
+            memory: 4096,
+            python_path: None,
+        }
+    }
+}
+
+/// A child process that answers.
+#[derive(Debug)]
+pub struct Process {
+    child: Child,
+    /// Both directions; `None` once it is no longer spoken to.
+    #[cfg(unix)]
+    stream: Option<std::os::unix::net::UnixStream>,
+    limits: Limits,
+    message: Vec<u8>,
+    body: Vec<u8>,
+    is_python: bool,
+}
+
+/// Why an exchange failed.
+enum Break {
+    /// It took too long, or the stream broke: the child is of no more use.
+    Lost(String),
+    /// It answered that it cannot.
+    Refused(String),
+}
+
+impl Process {
+    /// Starts the program of a file: with Python where it ends in `.py`, else by itself.
+    pub(crate) fn start(file: &Path, limits: Limits) -> Result<Process, Fault> {
+        // A path without a folder would be looked for among the installed programs.
+        let file = std::path::absolute(file)
+            .map_err(|error| Fault::new("file", format!("cannot be found: {error}")))?;
+        let is_python = file.extension().is_some_and(|extension| extension == "py");
+        let mut words = Vec::new();
+        if is_python {
+            let python = std::env::var_os("APPELL_PYTHON").unwrap_or_else(|| "python3".into());
+            words.extend([python, "-m".into(), "appell_plugin".into()]);
+        }
+        words.push(file.into_os_string());
+        Process::spawn(&words, limits, is_python)
+    }
+
+    #[cfg(not(unix))]
+    fn spawn(_: &[std::ffi::OsString], _: Limits, _: bool) -> Result<Process, Fault> {
+        let problem = "plug-ins in processes of their own need sockets that this system lacks";
+        Err(Fault::new("start", problem).hint("run it on Linux or macOS"))
+    }
+
+    #[cfg(unix)]
+    fn spawn(
+        words: &[std::ffi::OsString],
+        limits: Limits,
+        is_python: bool,
+    ) -> Result<Process, Fault> {
+        use std::os::fd::OwnedFd;
+        use std::os::unix::net::UnixStream;
+
+        let failed = |error: io::Error| Fault::new("start", format!("cannot be started: {error}"));
+        // A pair of sockets rather than pipes: they know time limits.
+        let (ours, theirs) = UnixStream::pair().map_err(failed)?;
+        let output = OwnedFd::from(theirs.try_clone().map_err(failed)?);
+        let mut command = Command::new("/bin/sh");
+        command
+            .args(["-c", "ulimit -v \"$0\" && exec \"$@\""])
+            .arg((limits.memory << 10).to_string())
+            .args(words)
+            // Sets and dictionaries in the same order each time, and no traces beside the file.
+            .env("PYTHONHASHSEED", "0")
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .stdin(Stdio::from(OwnedFd::from(theirs)))
+            .stdout(Stdio::from(output))
+            .stderr(Stdio::inherit());
+        if let Some(path) = &limits.python_path {
+            command.env("PYTHONPATH", path);
+        }
+        let child = command.spawn().map_err(failed)?;
+        Ok(Process {
+            child,
+            stream: Some(ours),
+            limits,
+            message: Vec::new(),
+            body: Vec::new(),
+            is_python,
+        })
+    }
+
+    pub(crate) fn describe(&mut self) -> Result<Descriptor, Fault> {
+        let limit = self.limits.start;
+        let request = json!({ "protocol": wire::PROTOCOL });
+        self.open(kind::DESCRIBE);
+        self.put_json(&request);
+        let is_python = self.is_python;
+        self.exchange(kind::DESCRIBE, limit).map_err(|lost| {
+            let fault = Fault::new("describe", lost.text());
+            match is_python {
+                true => fault.hint(
+                    "Python plug-ins need the module: pip install ./sdk/python, in the Python that APPELL_PYTHON names, or python3",
+                ),
+                false => fault.hint(
+                    "it must be a program that speaks Appell's messages, and may be executed",
+                ),
+            }
+        })?;
+        // A description from another version may have other fields: the version comes first.
+        let value: Value = serde_json::from_slice(&self.body)
+            .map_err(|error| Fault::new("describe", format!("must be JSON: {error}")))?;
+        if value["protocol"] != json!(wire::PROTOCOL) {
+            let problem = format!(
+                "must be {}, the version of the messages, got {}",
+                wire::PROTOCOL,
+                value["protocol"]
+            );
+            return Err(Fault::new("describe.protocol", problem)
+                .hint("take an SDK that goes with this version of Appell"));
+        }
+        serde_json::from_value(value).map_err(|error| Fault::new("describe", error.to_string()))
+    }
+
+    pub(crate) fn create(
+        &mut self,
+        member: u32,
+        parameters: &[(String, f64)],
+        context: &Value,
+    ) -> Result<(), Fault> {
+        let limit = self.limits.start;
+        let parameters: serde_json::Map<String, Value> = parameters
+            .iter()
+            .map(|(name, value)| (name.clone(), json!(value)))
+            .collect();
+        let request = json!({ "member": member, "parameters": parameters, "context": context });
+        self.open(kind::CREATE);
+        self.put_json(&request);
+        self.exchange(kind::CREATE, limit)
+            .map_err(|lost| Fault::new("create", lost.text()))
+    }
+
+    /// Steps members; outputs of `width` each are appended to `results`.
+    pub(crate) fn step(
+        &mut self,
+        calls: &[Call<'_>],
+        width: usize,
+        results: &mut Vec<f64>,
+    ) -> Result<(), (usize, Fault)> {
+        self.open(kind::STEP);
+        wire::put_step(&mut self.message, calls);
+        let limit = self.limits.answer;
+        self.exchange(kind::STEP, limit)
+            .map_err(|lost| (0, Fault::new("step", lost.text())))?;
+        wire::take_step(&self.body, calls.len(), width, results)
+            .map_err(|(k, problem)| (k, Fault::new("step", problem)))
+    }
+
+    pub(crate) fn destroy(&mut self, member: u32) -> Result<(), Fault> {
+        self.about(kind::DESTROY, "destroy", member, &[])
+    }
+
+    pub(crate) fn save(&mut self, member: u32) -> Result<Vec<u8>, Fault> {
+        self.about(kind::SAVE, "save", member, &[])?;
+        Ok(self.body.clone())
+    }
+
+    pub(crate) fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), Fault> {
+        self.about(kind::RESTORE, "restore", member, bytes)
+    }
+
+    pub(crate) fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), Fault> {
+        let mut bytes = vec![0; 4];
+        for output in outputs {
+            bytes.extend_from_slice(&output.to_le_bytes());
+        }
+        self.about(kind::TAKE_OVER, "take_over", member, &bytes)
+    }
+
+    /// A request about one member.
+    fn about(&mut self, kind: u32, field: &str, member: u32, rest: &[u8]) -> Result<(), Fault> {
+        self.open(kind);
+        self.message.extend_from_slice(&member.to_le_bytes());
+        self.message.extend_from_slice(rest);
+        let limit = self.limits.answer;
+        self.exchange(kind, limit)
+            .map_err(|lost| Fault::new(field, lost.text()))
+    }
+
+    pub(crate) fn is_alive(&self) -> bool {
+        #[cfg(unix)]
+        return self.stream.is_some();
+        #[cfg(not(unix))]
+        false
+    }
+
+    fn open(&mut self, kind: u32) {
+        wire::open(&mut self.message, kind);
+    }
+
+    fn put_json(&mut self, value: &Value) {
+        serde_json::to_writer(&mut self.message, value).expect("memory takes what is written");
+    }
+
+    /// Sends the message and takes the answer into the body.
+    fn exchange(&mut self, kind: u32, limit: Duration) -> Result<(), Break> {
+        wire::close(&mut self.message);
+        let answered = self.converse(kind, limit);
+        if let Err(Break::Lost(problem)) = answered {
+            // Whatever it may still say would answer another question.
+            self.give_up();
+            let ended = match self.child.try_wait() {
+                Ok(Some(status)) => format!("{problem} ({status})"),
+                _ => problem,
+            };
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+            return Err(Break::Lost(ended));
+        }
+        answered
+    }
+
+    #[cfg(not(unix))]
+    fn give_up(&mut self) {}
+
+    #[cfg(not(unix))]
+    fn converse(&mut self, _: u32, _: Duration) -> Result<(), Break> {
+        Err(Break::Lost("it was never started".into()))
+    }
+
+    #[cfg(unix)]
+    fn give_up(&mut self) {
+        self.stream = None;
+        // One that ended by itself has a moment to be known by its status.
+        for _ in 0..20 {
+            if matches!(self.child.try_wait(), Ok(Some(_))) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[cfg(unix)]
+    fn converse(&mut self, kind: u32, limit: Duration) -> Result<(), Break> {
+        let Some(stream) = &self.stream else {
+            return Err(Break::Lost("it ended before".into()));
+        };
+        let end = Instant::now() + limit;
+        let mut timed = Timed { stream, end, limit };
+        let lost = |error: io::Error| {
+            Break::Lost(match error.kind() {
+                io::ErrorKind::TimedOut => {
+                    format!("gave no answer within {} s", limit.as_secs_f64())
+                }
+                io::ErrorKind::UnexpectedEof
+                | io::ErrorKind::BrokenPipe
+                | io::ErrorKind::ConnectionReset => "ended without an answer".into(),
+                _ => format!("cannot be spoken to: {error}"),
+            })
+        };
+        timed.write_all(&self.message).map_err(lost)?;
+        let head = wire::read_head(&mut timed).map_err(lost)?;
+        let Some((length, answer)) = head else {
+            return Err(lost(io::ErrorKind::UnexpectedEof.into()));
+        };
+        if answer != kind + wire::kind::ANSWER && answer != wire::kind::REFUSED {
+            return Err(Break::Lost(format!(
+                "answered with something else than a message: kind {answer}, {length} bytes. What it prints must not go to its standard output"
+            )));
+        }
+        if length > wire::BODY_MAX {
+            return Err(Break::Lost(format!(
+                "answered with {length} bytes, more than {}",
+                wire::BODY_MAX
+            )));
+        }
+        self.body.resize(length, 0);
+        timed.read_exact(&mut self.body).map_err(lost)?;
+        if answer == wire::kind::REFUSED {
+            let text = String::from_utf8_lossy(&self.body).into_owned();
+            return Err(Break::Refused(text));
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        #[cfg(unix)]
+        {
+            self.stream = None;
+        }
+        // It ends with its input; one that does not is ended.
+        for _ in 0..50 {
+            if matches!(self.child.try_wait(), Ok(Some(_)) | Err(_)) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Break {
+    fn text(self) -> String {
+        match self {
+            Break::Lost(text) | Break::Refused(text) => text,
+        }
+    }
+}
+
+/// A stream with a time by which all must be done, however slowly it drips.
+#[cfg(unix)]
+struct Timed<'a> {
+    stream: &'a std::os::unix::net::UnixStream,
+    end: Instant,
+    limit: Duration,
+}
+
+#[cfg(unix)]
+impl Timed<'_> {
+    fn left(&self) -> io::Result<Duration> {
+        let left = self.end.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        Ok(left.min(self.limit))
+    }
+
+    /// A time limit shows as an operation that would block.
+    fn timed<R>(result: io::Result<R>) -> io::Result<R> {
+        result.map_err(|error| match error.kind() {
+            io::ErrorKind::WouldBlock => io::ErrorKind::TimedOut.into(),
+            _ => error,
+        })
+    }
+}
+
+#[cfg(unix)]
+impl Read for Timed<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.stream.set_read_timeout(Some(self.left()?))?;
+        let mut stream = self.stream;
+        Self::timed(stream.read(bytes))
+    }
+}
+
+#[cfg(unix)]
+impl Write for Timed<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.stream.set_write_timeout(Some(self.left()?))?;
+        let mut stream = self.stream;
+        Self::timed(stream.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
