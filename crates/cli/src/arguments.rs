@@ -54,6 +54,9 @@ pub enum Command {
     Umbmark(UmbmarkOptions),
     /// Write a starter scenario and robot into a new folder.
     New(NewOptions),
+    /// Write, describe, list and test plug-ins: controllers of your own.
+    #[command(subcommand)]
+    Plugin(PluginCommand),
     /// Print the JSON Schema of scenario files, for editors.
     Schema(SchemaOptions),
     /// Print completions for a shell.
@@ -352,6 +355,48 @@ pub struct UmbmarkOptions {
 pub struct NewOptions {
     /// Folder to make.
     pub folder: PathBuf,
+}
+
+/// What can be done with plug-ins.
+#[derive(Subcommand)]
+pub enum PluginCommand {
+    /// Write a controller and a scenario that runs it into a new folder.
+    New {
+        /// Folder to make; its name is the controller's.
+        folder: PathBuf,
+        /// Language of the controller.
+        #[arg(long, value_enum, default_value_t = Language::Python)]
+        language: Language,
+    },
+    /// Start a plug-in and print what it reads, writes and takes for parameters.
+    Describe {
+        /// File of the plug-in.
+        file: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// List the plug-ins in a folder and in those directly below it.
+    List {
+        /// The folder.
+        #[arg(default_value = ".")]
+        folder: PathBuf,
+    },
+    /// Test a plug-in: ports, repeatability, memory, limits, speed.
+    Test {
+        /// File of the plug-in.
+        file: PathBuf,
+        /// Steps of each test.
+        #[arg(long, default_value_t = 200)]
+        steps: usize,
+    },
+}
+
+/// Languages that a controller can be started in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Language {
+    /// A function in a file, with the module of `sdk/python`.
+    Python,
 }
 
 /// Options of `schema`.

@@ -9,6 +9,7 @@ mod compare;
 mod inverse;
 mod new;
 mod plot;
+mod plugin;
 mod run;
 mod sensitivity;
 mod terminal;
@@ -47,6 +48,7 @@ fn main() -> ExitCode {
         Command::Inverse(options) => inverse::inverse(&options),
         Command::Umbmark(options) => umbmark::umbmark(&options),
         Command::New(options) => new::new(&options),
+        Command::Plugin(command) => plugin::plugin(&command),
         Command::Schema(options) => {
             terminal::print(&appell_sim::scenario::schema(options.robot));
             exit::PASSED

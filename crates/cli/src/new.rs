@@ -1,5 +1,7 @@
 //! `appell new`: a scenario and a robot to start from.
 
+use std::path::Path;
+
 use crate::arguments::NewOptions;
 use crate::{exit, terminal};
 
@@ -9,15 +11,38 @@ const SCENARIO: &str = include_str!("../../../scenarios/homing.toml");
 /// Writes the two files into a new folder.
 pub fn new(options: &NewOptions) -> u8 {
     let folder = &options.folder;
-    let name: String = folder
-        .file_name()
-        .map(|name| {
-            name.to_string_lossy()
-                .chars()
-                .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
-                .collect()
-        })
-        .unwrap_or_else(|| "scenario".into());
+    let text = scenario(&name(folder), "drive to a beacon and stop beside it");
+    let files = [("scenario.toml", text.as_str()), ("robot.toml", ROBOT)];
+    write(folder, &files, "")
+}
+
+/// What is made in a folder is named as the folder is.
+pub fn name(folder: &Path) -> String {
+    let name = folder.file_name().map(|name| {
+        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+        name.to_string_lossy().chars().map(plain).collect()
+    });
+    name.unwrap_or_else(|| "scenario".into())
+}
+
+/// The starter robot.
+pub fn robot() -> &'static str {
+    ROBOT
+}
+
+/// The starter scenario, with a line on what it is about.
+pub fn scenario(name: &str, about: &str) -> String {
+    let head = format!("# A scenario to start from: {about}.\n#\n#   appell run scenario.toml\n");
+    SCENARIO
+        .replace("name = \"homing\"", &format!("name = \"{name}\""))
+        .replace("../robots/three-wheeler.toml", "robot.toml")
+        .lines()
+        .skip_while(|line| line.starts_with('#'))
+        .fold(head, |text, line| text + line + "\n")
+}
+
+/// Writes files into a new folder, and tells how to go on: with a look at `first`, if there is one.
+pub fn write(folder: &Path, files: &[(&str, &str)], first: &str) -> u8 {
     if folder.exists() {
         terminal::error(&format!(
             "{}: exists already\n  hint: give the path of a folder that does not exist yet",
@@ -25,26 +50,26 @@ pub fn new(options: &NewOptions) -> u8 {
         ));
         return exit::BAD_INPUT;
     }
-    let scenario = SCENARIO
-        .replace("name = \"homing\"", &format!("name = \"{name}\""))
-        .replace("../robots/three-wheeler.toml", "robot.toml")
-        .lines()
-        .skip_while(|line| line.starts_with('#'))
-        .fold(String::from("# A scenario to start from: drive to a beacon and stop beside it.\n#\n#   appell run scenario.toml\n"), |text, line| text + line + "\n");
-    let written = std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(folder.join("robot.toml"), ROBOT))
-        .and_then(|()| std::fs::write(folder.join("scenario.toml"), scenario));
-    match written {
-        Ok(()) => {
-            terminal::print(&format!(
-                "written: {0}/scenario.toml, {0}/robot.toml\nnext: appell run {0}/scenario.toml",
-                folder.display()
-            ));
-            exit::PASSED
-        }
-        Err(error) => {
-            terminal::error(&format!("{}: cannot be written: {error}", folder.display()));
-            exit::OUTPUT
-        }
+    let written = std::fs::create_dir_all(folder).and_then(|()| {
+        let mut files = files.iter();
+        files.try_for_each(|(name, text)| std::fs::write(folder.join(name), text))
+    });
+    if let Err(error) = written {
+        terminal::error(&format!("{}: cannot be written: {error}", folder.display()));
+        return exit::OUTPUT;
     }
+    let names: Vec<String> = files
+        .iter()
+        .map(|(name, _)| format!("{}/{name}", folder.display()))
+        .collect();
+    let look = match first.is_empty() {
+        true => String::new(),
+        false => format!("appell plugin test {first}\n      "),
+    };
+    terminal::print(&format!(
+        "written: {}\nnext: {look}appell run {}/scenario.toml",
+        names.join(", "),
+        folder.display()
+    ));
+    exit::PASSED
 }

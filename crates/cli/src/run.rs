@@ -1,7 +1,7 @@
 //! `appell run`.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use appell_sim::batch::Crew;
 use appell_sim::crowd::{Crowd, is_crowd};
@@ -10,7 +10,7 @@ use appell_sim::record::{
 };
 use appell_sim::report::{self, Press};
 use appell_sim::run::{Outcome, Run, Summary};
-use appell_sim::scenario::{self, Format, Loaded};
+use appell_sim::scenario::{self, Controller, Format, Loaded, Robot, Scenario};
 use appell_sim::world::SimError;
 use serde_json::Value;
 
@@ -137,6 +137,19 @@ fn written(folder: &Path, options: &RunOptions) -> String {
     }
 }
 
+/// Files of plug-ins that lie below the scenario's folder.
+fn plugins(scenario: &Scenario) -> impl Iterator<Item = &Path> {
+    let controllers = scenario.robot.iter().flat_map(Robot::controllers);
+    let files = controllers.filter_map(|(_, controller)| match controller {
+        Controller::Plugin(plugin) => Some(Path::new(&plugin.file)),
+        _ => None,
+    });
+    files.filter(|file| {
+        let mut parts = file.components();
+        parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+    })
+}
+
 /// Why a run gave no summary.
 pub struct Failure {
     /// Exit code.
@@ -197,6 +210,17 @@ fn execute(
         }
     }
     write("scenario.toml", loaded.resolved.as_bytes())?;
+    // With its plug-ins beside it the scenario can be run again from here.
+    for file in plugins(&loaded.scenario) {
+        let from = loaded.folder.join(file);
+        let to = folder.join(file);
+        let copied = std::fs::create_dir_all(to.parent().unwrap_or(folder))
+            .and_then(|()| std::fs::copy(&from, &to));
+        copied.map_err(|error| Failure {
+            text: format!("{}: cannot be written: {error}", to.display()),
+            code: exit::OUTPUT,
+        })?;
+    }
     let formats = &loaded.scenario.record.formats;
     let mut files: Vec<Box<dyn Recorder>> = Vec::new();
     if !options.no_recording {

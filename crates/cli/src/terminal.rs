@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use appell_sim::crowd::spreads;
 use appell_sim::run::{Metric, Outcome, RobotSummary, StatisticsTable, Summary};
+use appell_sim::world::Failure;
 
 use crate::arguments::Color;
 
@@ -191,6 +192,26 @@ pub fn summary(summary: &Summary) -> String {
             text.push_str(row.trim_end());
             text.push('\n');
         }
+    }
+    for swap in &summary.swaps {
+        let hash = swap.hash.as_ref();
+        let hash = hash.map_or(String::new(), |hash| format!(" ({})", &hash[..12]));
+        let line = match &swap.refused {
+            None => format!("{}{hash} took over from {}", swap.to, swap.from),
+            Some(problem) => format!("{} could not take over: {problem}", swap.to),
+        };
+        text.push_str(&format!(
+            "  swap at {:.3} s  {}: {line}\n",
+            swap.t, swap.robot
+        ));
+    }
+    for failure in &summary.failures {
+        let Failure {
+            t, block, problem, ..
+        } = failure;
+        let line = format!("  failed at {t:.3} s  {block}: {problem}");
+        text.push_str(&styled(&line, "31"));
+        text.push('\n');
     }
     for table in &summary.statistics {
         text.push_str(&statistics(table));

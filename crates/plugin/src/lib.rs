@@ -8,6 +8,7 @@
 //! This crate knows nothing of robots. A plug-in runs in a child process and talks over its standard
 //! input and output; the messages are those of [`wire`], which the book documents for other languages.
 
+mod conformance;
 mod contract;
 mod process;
 pub mod wire;
@@ -17,6 +18,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+pub use conformance::{Finding, conformance};
 pub use contract::{Descriptor, Fault, Output, Parameter, Port};
 pub use process::{Limits, Process};
 

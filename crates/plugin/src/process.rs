@@ -2,7 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -19,8 +19,6 @@ pub struct Limits {
     pub answer: Duration,
     /// Most memory that it can address, MiB.
     pub memory: u64,
-    /// Where Python looks for modules besides its own places.
-    pub python_path: Option<PathBuf>,
 }
 
 impl Default for Limits {
@@ -29,7 +27,6 @@ impl Default for Limits {
             start: Duration::from_secs(10),
             answer: Duration::from_secs(1),
             memory: 4096,
-            python_path: None,
         }
     }
 }
@@ -49,8 +46,10 @@ pub struct Process {
 
 /// Why an exchange failed.
 enum Break {
-    /// It took too long, or the stream broke: the child is of no more use.
+    /// It took too long, or said what is no message: the child is of no more use.
     Lost(String),
+    /// It is about to end, or has ended.
+    Ended,
     /// It answered that it cannot.
     Refused(String),
 }
@@ -101,8 +100,14 @@ impl Process {
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             .stdout(Stdio::from(output))
             .stderr(Stdio::inherit());
-        if let Some(path) = &limits.python_path {
-            command.env("PYTHONPATH", path);
+        // A checkout has the module of its own version beside it.
+        if let Some(module) = std::env::var_os("APPELL_PYTHON_PATH") {
+            let known = std::env::var_os("PYTHONPATH").unwrap_or_default();
+            let known: Vec<PathBuf> = std::env::split_paths(&known).collect();
+            let all = std::iter::once(PathBuf::from(module)).chain(known);
+            if let Ok(paths) = std::env::join_paths(all) {
+                command.env("PYTHONPATH", paths);
+            }
         }
         let child = command.spawn().map_err(failed)?;
         Ok(Process {
@@ -231,22 +236,36 @@ impl Process {
     fn exchange(&mut self, kind: u32, limit: Duration) -> Result<(), Break> {
         wire::close(&mut self.message);
         let answered = self.converse(kind, limit);
-        if let Err(Break::Lost(problem)) = answered {
-            // Whatever it may still say would answer another question.
-            self.give_up();
-            let ended = match self.child.try_wait() {
-                Ok(Some(status)) => format!("{problem} ({status})"),
-                _ => problem,
-            };
-            let _ = self.child.kill();
-            let _ = self.child.wait();
-            return Err(Break::Lost(ended));
+        let problem = match answered {
+            Ok(()) | Err(Break::Refused(_)) => return answered,
+            Err(Break::Lost(problem)) => problem,
+            Err(Break::Ended) => {
+                let status = self.status();
+                let status = status.map_or(String::new(), |status| format!(" ({status})"));
+                format!("ended without an answer{status}")
+            }
+        };
+        // Whatever it may still say would answer another question.
+        #[cfg(unix)]
+        {
+            self.stream = None;
         }
-        answered
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        Err(Break::Lost(problem))
     }
 
-    #[cfg(not(unix))]
-    fn give_up(&mut self) {}
+    /// How one that closed its end ended: it may need a moment for that.
+    fn status(&mut self) -> Option<ExitStatus> {
+        let end = Instant::now() + Duration::from_millis(500);
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return Some(status),
+                Ok(None) if Instant::now() < end => std::thread::sleep(Duration::from_millis(1)),
+                _ => return None,
+            }
+        }
+    }
 
     #[cfg(not(unix))]
     fn converse(&mut self, _: u32, _: Duration) -> Result<(), Break> {
@@ -254,39 +273,25 @@ impl Process {
     }
 
     #[cfg(unix)]
-    fn give_up(&mut self) {
-        self.stream = None;
-        // One that ended by itself has a moment to be known by its status.
-        for _ in 0..20 {
-            if matches!(self.child.try_wait(), Ok(Some(_))) {
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    #[cfg(unix)]
     fn converse(&mut self, kind: u32, limit: Duration) -> Result<(), Break> {
         let Some(stream) = &self.stream else {
-            return Err(Break::Lost("it ended before".into()));
+            return Err(Break::Lost("it failed before".into()));
         };
         let end = Instant::now() + limit;
         let mut timed = Timed { stream, end, limit };
-        let lost = |error: io::Error| {
-            Break::Lost(match error.kind() {
-                io::ErrorKind::TimedOut => {
-                    format!("gave no answer within {} s", limit.as_secs_f64())
-                }
-                io::ErrorKind::UnexpectedEof
-                | io::ErrorKind::BrokenPipe
-                | io::ErrorKind::ConnectionReset => "ended without an answer".into(),
-                _ => format!("cannot be spoken to: {error}"),
-            })
+        let lost = |error: io::Error| match error.kind() {
+            io::ErrorKind::TimedOut => {
+                Break::Lost(format!("gave no answer within {} s", limit.as_secs_f64()))
+            }
+            io::ErrorKind::UnexpectedEof
+            | io::ErrorKind::BrokenPipe
+            | io::ErrorKind::ConnectionReset => Break::Ended,
+            _ => Break::Lost(format!("cannot be spoken to: {error}")),
         };
         timed.write_all(&self.message).map_err(lost)?;
         let head = wire::read_head(&mut timed).map_err(lost)?;
         let Some((length, answer)) = head else {
-            return Err(lost(io::ErrorKind::UnexpectedEof.into()));
+            return Err(Break::Ended);
         };
         if answer != kind + wire::kind::ANSWER && answer != wire::kind::REFUSED {
             return Err(Break::Lost(format!(
@@ -331,6 +336,7 @@ impl Break {
     fn text(self) -> String {
         match self {
             Break::Lost(text) | Break::Refused(text) => text,
+            Break::Ended => "ended without an answer".into(),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! A plug-in in Python, through the module in `sdk/python`.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use appell_plugin::{Limits, Plugin, wire::Call};
 use serde_json::json;
@@ -16,12 +16,7 @@ fn file(name: &str, text: &str) -> PathBuf {
 }
 
 fn open(name: &str, text: &str) -> Result<Plugin, appell_plugin::Fault> {
-    let sdk = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sdk/python");
-    let limits = Limits {
-        python_path: Some(sdk),
-        ..Limits::default()
-    };
-    Plugin::open(&file(name, text), limits)
+    Plugin::open(&file(name, text), Limits::default())
 }
 
 const SUM: &str = r#"

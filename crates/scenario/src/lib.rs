@@ -5,6 +5,7 @@
 //! are made from them. Units are SI unless the key says otherwise.
 
 mod batch;
+mod control;
 mod diagnostic;
 mod read;
 mod robot;
@@ -14,6 +15,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use batch::{Batch, Draw, Sampling, Variant, Vary};
+pub use control::{
+    Channel, Controller, FIRST, Follower, Heading, Law, OnFailure, Plugin, PoseSource, Signal,
+    Standby, Swap,
+};
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};
 pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Trailer, Wheel};
@@ -49,6 +54,9 @@ pub struct Scenario {
     /// What is written, and how often.
     #[serde(default)]
     pub record: Record,
+    /// Controllers that take over while the run goes on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub swap: Vec<Swap>,
     /// Tables of how far robots are apart.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistics: Option<Statistics>,
@@ -263,6 +271,9 @@ pub struct Robot {
     /// What decides; without one the robot is left to itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub controller: Option<Controller>,
+    /// Controllers that can take over, at a time (`[[swap]]`) or when another fails (`fallback`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub standby: Vec<Standby>,
     /// The cascade from twist to wheel rates to drive commands.
     #[serde(default)]
     pub servo: Servo,
@@ -399,251 +410,6 @@ pub enum OdometryMethod {
     Unrotated,
 }
 
-/// What decides.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Controller {
-    /// Drives to a beacon and stops beside it.
-    Homing(Follower),
-    /// Drives between two beacons.
-    Gate(Follower),
-    /// Drives figure eights round two beacons.
-    Eight(Follower),
-    /// Passes a chain of beacons on alternating sides.
-    Slalom(Follower),
-    /// Follows the path of a route.
-    Route(Follower),
-    /// Open loop: a signal of time for each channel.
-    Signals {
-        /// Period, s.
-        #[serde(default = "defaults::control_period")]
-        period: f64,
-        /// Channels; those not named stay at zero.
-        channel: Vec<Channel>,
-    },
-}
-
-impl Controller {
-    /// Its kind, as the file names it.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Controller::Homing(_) => "homing",
-            Controller::Gate(_) => "gate",
-            Controller::Eight(_) => "eight",
-            Controller::Slalom(_) => "slalom",
-            Controller::Route(_) => "route",
-            Controller::Signals { .. } => "signals",
-        }
-    }
-
-    /// What it follows its path with, if it follows one.
-    pub fn follower(&self) -> Option<&Follower> {
-        match self {
-            Controller::Homing(follower)
-            | Controller::Gate(follower)
-            | Controller::Eight(follower)
-            | Controller::Slalom(follower)
-            | Controller::Route(follower) => Some(follower),
-            Controller::Signals { .. } => None,
-        }
-    }
-}
-
-/// A follower of the path of the robot's task: planned among the beacons, or given as a route.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct Follower {
-    /// Period, s.
-    #[serde(default = "defaults::control_period")]
-    pub period: f64,
-    /// Where it takes its pose from.
-    #[serde(default)]
-    pub pose: PoseSource,
-    /// Largest speed, m/s.
-    #[serde(default = "defaults::speed")]
-    pub speed: f64,
-    /// Largest acceleration along the path, m/s².
-    #[serde(default = "defaults::acceleration")]
-    pub acceleration: f64,
-    /// Largest acceleration across the path, m/s².
-    #[serde(default = "defaults::acceleration")]
-    pub lateral_acceleration: f64,
-    /// Largest yaw rate, rad/s.
-    #[serde(default = "defaults::yaw_rate")]
-    pub yaw_rate: f64,
-    /// Largest change of the yaw rate, rad/s².
-    #[serde(default = "defaults::yaw_acceleration")]
-    pub yaw_acceleration: f64,
-    /// Distance over which an offset from the path is driven out, m: what each law's gains are made
-    /// of.
-    #[serde(default = "defaults::lookahead")]
-    pub lookahead: f64,
-    /// The law by which it keeps to the path.
-    #[serde(default)]
-    pub law: Law,
-    /// Whether it steers by turning, or moves sideways as omnidirectional robots can.
-    #[serde(default)]
-    pub heading: Heading,
-}
-
-/// Laws of path following.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Law {
-    /// Curvature of the path, corrected by offset and heading error (Samson 1995).
-    #[default]
-    Samson,
-    /// The arc through a point of the path one lookahead on (Coulter 1992).
-    PurePursuit,
-    /// Steers as a front wheel one lookahead before the robot's origin would (Hoffmann et al. 2007).
-    Stanley,
-    /// Tracks a reference that moves along the path in time (Kanayama et al. 1990).
-    Kanayama,
-    /// The gains that minimize offset, heading error and correction about the path's curvature
-    /// (linear-quadratic regulator).
-    Lqr,
-}
-
-/// How a follower uses the heading.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Heading {
-    /// Drives where it points, and steers by turning.
-    #[default]
-    Steer,
-    /// Moves sideways back to the path, while it points along it.
-    Along,
-    /// Moves along the path without turning: keeps the heading of its start.
-    Hold,
-}
-
-/// Where a controller takes its pose from.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PoseSource {
-    /// The true pose.
-    #[default]
-    Truth,
-    /// The pose sensor.
-    PoseSensor,
-    /// The wheel odometry.
-    Odometry,
-}
-
-/// A channel of the signals controller.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct Channel {
-    /// `wheel.<name>`: command of that drive (rad/s, N·m or V); `brake`: 0 to 1; or
-    /// `forward` (m/s), `left` (m/s), `yaw_rate` (rad/s) through the servo.
-    pub to: String,
-    /// The signal.
-    pub signal: Signal,
-}
-
-/// A signal of time.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Signal {
-    /// What is commanded from outside, by a program that holds the world; 0 until it does, and in runs
-    /// and batches.
-    External {},
-    /// The same value always.
-    Constant {
-        /// Value.
-        value: f64,
-    },
-    /// One value before an instant, another from it on.
-    Step {
-        /// Instant, s.
-        at: f64,
-        /// Value before.
-        #[serde(default)]
-        before: f64,
-        /// Value from then on.
-        after: f64,
-    },
-    /// From one value to another between two instants.
-    Ramp {
-        /// Start, s.
-        from_time: f64,
-        /// End, s.
-        to_time: f64,
-        /// Value until the start.
-        #[serde(default)]
-        from: f64,
-        /// Value from the end on.
-        to: f64,
-    },
-    /// offset + amplitude · sin(2π t / period + phase).
-    Sine {
-        /// Amplitude.
-        amplitude: f64,
-        /// Period, s.
-        period: f64,
-        /// Phase, degrees.
-        #[serde(default)]
-        phase_deg: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// offset + amplitude in the first half of each period, offset − amplitude in the second.
-    Square {
-        /// Amplitude.
-        amplitude: f64,
-        /// Period, s.
-        period: f64,
-        /// Phase, degrees.
-        #[serde(default)]
-        phase_deg: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// Triangle from offset, rising first.
-    Triangle {
-        /// Amplitude.
-        amplitude: f64,
-        /// Period, s.
-        period: f64,
-        /// Phase, degrees.
-        #[serde(default)]
-        phase_deg: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// Rises from offset − amplitude to offset + amplitude in each period.
-    Sawtooth {
-        /// Amplitude.
-        amplitude: f64,
-        /// Period, s.
-        period: f64,
-        /// Phase, degrees.
-        #[serde(default)]
-        phase_deg: f64,
-        /// Offset.
-        #[serde(default)]
-        offset: f64,
-    },
-    /// Steps up and down: each value from its time until the next; the first one before, too.
-    Stairs {
-        /// Times, s, increasing.
-        at: Vec<f64>,
-        /// Values, one for each time.
-        values: Vec<f64>,
-    },
-    /// Columns of a CSV file, relative to the scenario file: straight lines between its rows, held
-    /// outside.
-    Table {
-        /// The file; its first column is time, s.
-        file: String,
-        /// Name of the column.
-        column: String,
-    },
-}
-
 /// The cascade from a twist to wheel rates and from wheel rates to drive commands.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -762,6 +528,12 @@ mod defaults {
     }
     pub fn control_period() -> f64 {
         0.01
+    }
+    pub fn time_limit() -> f64 {
+        1.0
+    }
+    pub fn memory() -> u64 {
+        4096
     }
     pub fn speed() -> f64 {
         0.6

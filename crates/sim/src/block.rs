@@ -30,6 +30,19 @@ pub struct BlockError {
     pub problem: String,
     /// The lanes in which it happened, a bit each.
     pub lanes: u32,
+    /// What follows.
+    pub then: Recovery,
+}
+
+/// What follows when a block could not go on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Recovery {
+    /// The trial ends.
+    End,
+    /// The block has written zeros, and goes on doing so.
+    Stop,
+    /// The robot's controller of this place takes over.
+    Swap(usize),
 }
 
 /// The instant at which a step begins, in each lane.
@@ -55,6 +68,15 @@ pub trait Block<T: Scalar = f64>: Send {
     /// Advances by a step with `input` held; writes all of `output`. A plant writes its outputs in
     /// [`Block::observe`] instead. What fails in some lanes is done in the others.
     fn step(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) -> Result<(), BlockError>;
+    /// Prepares to take over from a block that wrote `before` to its outputs last, and reads `input`.
+    /// Where it cannot, the other goes on.
+    fn take_over(&mut self, _input: &[T], _before: &[T]) -> Result<(), BlockError> {
+        Ok(())
+    }
+    /// SHA-256 of what it was loaded from, where that is a file.
+    fn origin(&self) -> Option<&str> {
+        None
+    }
     /// Writes the outputs of the present state; for plants, whose state moves between readings.
     fn observe(&mut self, _input: &[T], _detail: Detail, _output: &mut [T]) {}
     /// Appends the state as bytes, for saving and branching; nothing for a block without one.
@@ -78,6 +100,8 @@ pub trait Block<T: Scalar = f64>: Send {
 pub trait Kernel<T: Scalar>: Lanewise<One: 'static> + Send + 'static {
     /// Advances by a step; see [`Block::step`].
     fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]);
+    /// See [`Block::take_over`].
+    fn take_over(&mut self, _input: &[T], _before: &[T]) {}
     /// See [`Block::save`].
     fn save(&self, _bytes: &mut Vec<u8>) {}
     /// See [`Block::restore`].
@@ -136,6 +160,11 @@ impl<T: Scalar, K: Kernel<T>> Block<T> for Wired<K> {
             input,
             output,
         });
+        Ok(())
+    }
+
+    fn take_over(&mut self, input: &[T], before: &[T]) -> Result<(), BlockError> {
+        self.kernel.take_over(input, before);
         Ok(())
     }
 

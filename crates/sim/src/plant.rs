@@ -16,7 +16,7 @@ use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
 
 use crate::block::{
-    Block, BlockError, Detail, Now, Port, finite_lanes, restore_numbers, save_numbers,
+    Block, BlockError, Detail, Now, Port, Recovery, finite_lanes, restore_numbers, save_numbers,
 };
 use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
@@ -460,6 +460,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
             lanes: (0..T::LANES).fold(0, |bits, lane| {
                 bits | (u32::from(!finite.lane(lane)) << lane)
             }),
+            then: Recovery::End,
         })
     }
 
@@ -646,6 +647,7 @@ fn advance<T: Scalar, S: Dynamics<T>>(
                 Stalled::NotFinite(_) => "the state is no longer finite".into(),
             },
             lanes: u32::MAX,
+            then: Recovery::End,
         })?;
     }
     Ok(())

@@ -2,30 +2,26 @@
 
 use std::sync::{Arc, Mutex};
 
-use appell_model::platform::Platform;
 use appell_model::scalar::Scalar;
-use appell_model::wheel::Wheel;
 use serde::{Deserialize, Serialize};
 
 use crate::block::Block;
 use crate::build::{self, Values};
-use crate::controller::{
-    NoiseSource, Signals, Track, Waveform, Waveforms, WheelNoise, path_follower, read_table,
-};
+use crate::controller::Track;
+use crate::decide::{Deciding, changes, known_signals};
 use crate::drawing::drawing;
+use crate::foreign::Pool;
 use crate::judge::{Judge, Verdict};
 use crate::layout::{Assignment, Goal, Layout};
 use crate::meter::Meter;
-use crate::noise::{Stream, Streams};
 use crate::plan::{self, Path, PlanError};
-use crate::plant::{Numerics, Plant, Start, command_signal};
+use crate::plant::{Numerics, Plant, Start};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::scenario::{
-    Channel, Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor,
-    Signal, Statistics, Task,
+    Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Statistics,
+    Task,
 };
-use crate::servo::servo;
-use crate::world::{Listener, Parts, RobotBlocks, SimError, World};
+use crate::world::{Failure, Listener, Parts, RobotBlocks, SimError, Swapped, World};
 
 /// Ticks between two reports of progress.
 const PROGRESS_TICKS: u64 = 1024;
@@ -99,6 +95,12 @@ pub struct Summary {
     pub error: Option<String>,
     /// The robots.
     pub robots: Vec<RobotSummary>,
+    /// Changes of controllers, in the order of time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub swaps: Vec<Swapped>,
+    /// Controllers that failed, where the run went on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<Failure>,
     /// Tables of how far robots are apart.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub statistics: Vec<StatisticsTable>,
@@ -169,9 +171,12 @@ pub(crate) struct Assembly<T: Scalar> {
     pub outsides: Vec<crate::signal::Signal>,
 }
 
-/// Ways that were planned: trials of a batch mostly share theirs.
+/// What trials of a batch share: ways that were planned, and plug-ins that run.
 #[derive(Default)]
-pub(crate) struct Plans(Mutex<Vec<Plan>>);
+pub(crate) struct Plans {
+    ways: Mutex<Vec<Plan>>,
+    plugins: Arc<Pool>,
+}
 
 struct Plan {
     layout: Layout,
@@ -190,12 +195,12 @@ impl Plans {
             let plan = plans.iter().find(known)?;
             Some((plan.path.clone(), plan.track.clone()))
         };
-        if let Some(way) = found(&self.0.lock().expect("nothing panics with it")) {
+        if let Some(way) = found(&self.ways.lock().expect("nothing panics with it")) {
             return Ok(way);
         }
         let path = Arc::new(plan::plan(layout, goal)?);
         let track = Arc::new(Track::new(&path));
-        let mut plans = self.0.lock().expect("nothing panics with it");
+        let mut plans = self.ways.lock().expect("nothing panics with it");
         if plans.len() < PLANS_MAX {
             plans.push(Plan {
                 layout: layout.clone(),
@@ -282,7 +287,7 @@ pub(crate) fn assemble<T: Scalar>(
                 let path = fault.path(&format!("robot.{}.task", robot.name));
                 refuse(loaded, path, fault.problem, fault.hint)
             })?;
-        let sensors = robot
+        let sensors: Vec<(Box<dyn Block<T>>, u64)> = robot
             .sensor
             .iter()
             .map(|sensor| {
@@ -298,7 +303,6 @@ pub(crate) fn assemble<T: Scalar>(
                 (block, ticks(sensor_period(sensor)))
             })
             .collect();
-        let mut controllers: Vec<(Box<dyn Block<T>>, u64)> = Vec::new();
         let way = match &assignment {
             None => None,
             Some(Assignment::Route(route)) => {
@@ -306,90 +310,43 @@ pub(crate) fn assemble<T: Scalar>(
                 let track = Arc::new(Track::new(&path));
                 Some((path, track))
             }
-            // Only a follower needs a way among the beacons.
+            // Only a follower needs a way among the beacons; a plug-in is told of it where there is one.
             Some(Assignment::Beacons(goal)) => {
-                let follows = robot.controller.as_ref().and_then(Controller::follower);
-                let planned = follows.map(|_| plans.way(&layout, goal)).transpose();
-                planned.map_err(|error| {
-                    let path = format!("robot.{}.task", robot.name);
-                    let problem = format!("cannot be solved: {}", error.reason);
-                    refuse(loaded, path, problem, error.hint)
-                })?
+                let kinds = |of: fn(&Controller) -> bool| robot.controllers().any(|(_, c)| of(c));
+                if kinds(|controller| controller.follower().is_some()) {
+                    Some(plans.way(&layout, goal).map_err(|error| {
+                        let path = format!("robot.{}.task", robot.name);
+                        let problem = format!("cannot be solved: {}", error.reason);
+                        refuse(loaded, path, problem, error.hint)
+                    })?)
+                } else if kinds(|controller| matches!(controller, Controller::Plugin(_))) {
+                    plans.way(&layout, goal).ok()
+                } else {
+                    None
+                }
             }
         };
-        let mut judge_period: f64 = 0.01;
-        let command = |wheel: &Wheel<T>| command_port(robot, wheel);
-        let noise = |period: f64| -> Result<_, Diagnostics> {
-            let block = wheel_noise(loaded, robot, &platform, key, values)?;
-            Ok((block, ticks(period)))
+        let mut deciding = Deciding {
+            loaded,
+            robot,
+            platform: &platform,
+            file,
+            way: way.as_ref().map(|(path, track)| (&**path, track)),
+            heading: pose[2],
+            key,
+            values,
+            pool: &plans.plugins,
+            known: known_signals(&plant, &sensors),
+            outsides: &mut outsides,
         };
-        match &robot.controller {
-            None => {}
-            Some(
-                Controller::Homing(tuning)
-                | Controller::Gate(tuning)
-                | Controller::Eight(tuning)
-                | Controller::Slalom(tuning)
-                | Controller::Route(tuning),
-            ) => {
-                let (_, track) = way.as_ref().expect("a checked follower has a task");
-                let turns = crate::design::sharpest_curve(file).is_infinite();
-                let follower = path_follower(&robot.name, track, tuning, pose[2], turns, values);
-                controllers.push((Box::new(follower), ticks(tuning.period)));
-                let period = robot.servo.period.unwrap_or(tuning.period);
-                let servo = servo(robot, &platform, period, &command, values);
-                controllers.push((Box::new(servo), ticks(period)));
-                if !robot.wheel_noise.is_empty() {
-                    controllers.push(noise(period)?);
-                }
-                judge_period = judge_period.min(tuning.period);
-            }
-            Some(Controller::Signals { period, channel }) => {
-                let mut twisted = false;
-                let is_inside = |channel: &&Channel| {
-                    let outside = matches!(channel.signal, Signal::External {});
-                    if outside {
-                        twisted |= ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
-                        outsides.push(channel_port(&channel.to, robot, &platform));
-                    }
-                    !outside
-                };
-                let inside: Vec<&Channel> = channel.iter().filter(is_inside).collect();
-                let channels = inside
-                    .into_iter()
-                    .map(|channel| {
-                        twisted |= ["forward", "left", "yaw_rate"].contains(&channel.to.as_str());
-                        let waveform = match &channel.signal {
-                            Signal::Table { file, column } => {
-                                let path = format!(
-                                    "robot.{}.controller.channel.{}",
-                                    robot.name, channel.to
-                                );
-                                table(loaded, path, file, column)?
-                            }
-                            formula => Waveform::Formula(formula.clone()),
-                        };
-                        let waveforms = Waveforms::new(waveform, T::LANES);
-                        Ok((channel_port(&channel.to, robot, &platform), waveforms))
-                    })
-                    .collect::<Result<Vec<_>, Diagnostics>>()?;
-                controllers.push((Box::new(Signals::wired(channels)), ticks(*period)));
-                let mut last = *period;
-                if twisted {
-                    let period = robot.servo.period.unwrap_or(*period);
-                    let servo = servo(robot, &platform, period, &command, values);
-                    controllers.push((Box::new(servo), ticks(period)));
-                    last = period;
-                }
-                if !robot.wheel_noise.is_empty() {
-                    controllers.push(noise(last)?);
-                }
-            }
-        }
+        let (controllers, crew) = deciding.blocks()?;
+        let follows = robot.controllers().filter(|(_, c)| c.follower().is_some());
+        let judge_period = follows.fold(0.01_f64, |least, (_, c)| least.min(c.period()));
         robots.push(RobotBlocks {
             name: robot.name.clone(),
             sensors,
             controllers,
+            crew,
             plant: Box::new(plant),
             judge: match &assignment {
                 None => Judge::new(&layout, None),
@@ -408,6 +365,7 @@ pub(crate) fn assemble<T: Scalar>(
             end: ticks(scenario.time.duration),
             record: ticks(scenario.record.period),
             robots,
+            changes: changes(scenario),
         },
         paths,
         assignments,
@@ -582,6 +540,8 @@ impl Account<'_> {
             .collect();
         Summary {
             statistics: meter.statistics(lane, self.scenario),
+            swaps: world.swapped().to_vec(),
+            failures: world.failures().to_vec(),
             ..Summary::of(
                 self.scenario,
                 self.hash,
@@ -616,6 +576,8 @@ impl Summary {
             duration,
             error,
             robots,
+            swaps: Vec::new(),
+            failures: Vec::new(),
             statistics: Vec::new(),
         }
     }
@@ -656,29 +618,6 @@ fn sensor_period(sensor: &Sensor) -> f64 {
     }
 }
 
-fn channel_port<T: Scalar>(
-    to: &str,
-    robot: &Robot,
-    platform: &Platform<T>,
-) -> crate::signal::Signal {
-    let named = |path: String, unit: &str| {
-        crate::signal::Signal::new(format!("robot.{}.{path}", robot.name), unit)
-    };
-    match to {
-        "forward" | "left" => named(format!("command.{to}"), "m/s"),
-        "yaw_rate" => named("command.yaw_rate".into(), "rad/s"),
-        "brake" => named("brake".into(), "1"),
-        wheel => {
-            let name = wheel.trim_start_matches("wheel.");
-            let found = platform.wheels().iter().find(|w| w.name == name);
-            command_port(
-                robot,
-                found.expect("a checked channel names a driven wheel"),
-            )
-        }
-    }
-}
-
 /// Signals of statistics: those that both robots have.
 fn check_statistics(
     loaded: &Loaded,
@@ -706,62 +645,6 @@ fn check_statistics(
         }
     }
     Ok(())
-}
-
-/// A column of a CSV file that a checked scenario names, at a path in it.
-fn table(loaded: &Loaded, path: String, file: &str, column: &str) -> Result<Waveform, Diagnostics> {
-    let table = read_table(&loaded.folder.join(file), column);
-    let (times, values) = table.map_err(|problem| {
-        let hint = "the file changed while it was read".into();
-        refuse(loaded, path, problem, hint)
-    })?;
-    Ok(Waveform::Table { times, values })
-}
-
-/// The port to which a wheel's command is written: its drive's, or where noise is added on the way
-/// what is wanted of it.
-fn command_port<T>(robot: &Robot, wheel: &Wheel<T>) -> crate::signal::Signal {
-    let (field, unit) = command_signal(&wheel.drive).expect("a driven wheel takes a command");
-    let noisy = robot.wheel_noise.iter().any(|n| n.wheel == wheel.name);
-    let field = if noisy { "wanted" } else { field };
-    let path = format!("robot.{}.wheel.{}.{field}", robot.name, wheel.name);
-    crate::signal::Signal::new(path, unit)
-}
-
-/// The block that adds noise to a robot's commands.
-fn wheel_noise<T: Scalar>(
-    loaded: &Loaded,
-    robot: &Robot,
-    platform: &Platform<T>,
-    key: (u64, u64),
-    values: &Values<'_, T>,
-) -> Result<Box<dyn Block<T>>, Diagnostics> {
-    let mut wheels = Vec::new();
-    for noise in &robot.wheel_noise {
-        let wheel = platform.wheels().iter().find(|w| w.name == noise.wheel);
-        let wheel = wheel.expect("checked noise is of a driven wheel");
-        let (field, unit) = command_signal(&wheel.drive).expect("a driven wheel takes a command");
-        let path = |field: &str| format!("robot.{}.wheel.{}.{field}", robot.name, noise.wheel);
-        let port = |field: &str| crate::signal::Signal::new(path(field), unit);
-        let source = match (&noise.file, &noise.column) {
-            (Some(file), Some(column)) => {
-                let path = format!("robot.{}.wheel_noise.{}.file", robot.name, noise.wheel);
-                NoiseSource::Given(Waveforms::new(table(loaded, path, file, column)?, T::LANES))
-            }
-            _ => {
-                let name = path("noise");
-                let stream = noise.stream.as_ref().unwrap_or(&name);
-                let base = format!("robot.{}.wheel_noise.{}", robot.name, noise.wheel);
-                NoiseSource::Normal {
-                    streams: Streams::new(Stream::new(key.0, key.1, stream)),
-                    mean: values.at(format_args!("{base}.mean"), noise.mean),
-                    std: values.at(format_args!("{base}.std"), noise.std),
-                }
-            }
-        };
-        wheels.push(([port("wanted"), port(field), port("noise")], source));
-    }
-    Ok(Box::new(WheelNoise::wired(wheels)))
 }
 
 /// What drives a robot: `rate`, `torque`, `dc-motor` or `none`.

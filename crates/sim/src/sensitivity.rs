@@ -15,7 +15,9 @@ use crate::build::Values;
 use crate::judge::Verdict;
 use crate::meter::Meter;
 use crate::run::{Plans, assemble};
-use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides, Sensor, Steering};
+use crate::scenario::{
+    self, Controller, Diagnostic, Diagnostics, Loaded, Overrides, Sensor, Steering,
+};
 use crate::world::World;
 
 /// Parameters of one run with dual numbers: more would be quicker, and take much longer to compile.
@@ -166,6 +168,16 @@ pub fn sensitivity(
 /// What has no derivative that tells anything.
 fn refuse_corners(loaded: &Loaded) -> Result<(), Diagnostics> {
     for robot in &loaded.scenario.robot {
+        let foreign =
+            |(_, controller): &(&str, &Controller)| matches!(controller, Controller::Plugin(_));
+        if let Some((name, _)) = robot.controllers().find(foreign) {
+            return Err(refuse(
+                loaded,
+                &format!("robot.{}.{name}", robot.name),
+                "must not be a plug-in for derivatives: it takes plain numbers".into(),
+                "use a controller that is built in, or a batch",
+            ));
+        }
         for sensor in &robot.sensor {
             let (kind, resolution) = match sensor {
                 Sensor::Encoder { resolution, .. } => ("encoder", *resolution),

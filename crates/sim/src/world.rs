@@ -12,8 +12,9 @@ use appell_model::lanewise::Lanewise;
 use appell_model::math::hypot;
 use appell_model::scalar::{Mask, Scalar};
 use appell_model::wide::{Job, widest};
+use serde::{Deserialize, Serialize};
 
-use crate::block::{Block, BlockError, Detail, Now, finite_lanes};
+use crate::block::{Block, BlockError, Detail, Now, Recovery, finite_lanes};
 use crate::judge::{Judge, Verdict};
 use crate::layout::{Beacon, Layout};
 use crate::record::{Event, RecordError, Recorder};
@@ -54,6 +55,64 @@ struct Slot<T: Scalar> {
     inputs: Vec<usize>,
     outputs: std::ops::Range<usize>,
     buffer: Vec<T>,
+    /// Its robot, and the controllers of the robot with which it runs, a bit each.
+    robot: usize,
+    with: u64,
+    /// Columns and values of its outputs, where another of the robot's controllers writes some of them.
+    shared: Option<Shared<T>>,
+}
+
+/// Outputs that do not stand side by side.
+struct Shared<T> {
+    columns: Vec<usize>,
+    values: Vec<T>,
+}
+
+/// A change of controllers.
+#[derive(Clone, Debug)]
+pub(crate) struct Change {
+    pub tick: u64,
+    /// Places of the robot, and of the controller among its own.
+    pub robot: usize,
+    pub to: usize,
+}
+
+/// A change of controllers that was made, or could not be.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Swapped {
+    /// Time, s.
+    pub t: f64,
+    /// Name of the robot.
+    pub robot: String,
+    /// The controller that wrote commands before.
+    pub from: String,
+    /// The one that was to take over.
+    pub to: String,
+    /// SHA-256 of the new one's file, of a plug-in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hash: Option<String>,
+    /// Why the old one went on, if it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+/// A controller that failed, where the run went on.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Failure {
+    /// Time, s.
+    pub t: f64,
+    /// Step of the simulation.
+    pub step: u64,
+    /// Path of the controller.
+    pub block: String,
+    /// What happened: the field, and what is wrong with it.
+    pub problem: String,
+}
+
+/// The controllers of a robot, by name, and which of them runs.
+struct Crew {
+    names: Vec<String>,
+    active: usize,
 }
 
 /// What judges a robot.
@@ -94,6 +153,15 @@ pub struct World<T: Scalar = f64> {
     /// Readings of each plant's motion.
     readings: Vec<Due>,
     pub(crate) referees: Vec<Referee<T>>,
+    /// The controllers of each robot.
+    crews: Vec<Crew>,
+    /// Changes of controllers to come, in order, the first at `next_change`.
+    changes: Vec<Change>,
+    next_change: usize,
+    /// Those that were.
+    swapped: Vec<Swapped>,
+    /// Controllers that failed.
+    failures: Vec<Failure>,
     events: Vec<(usize, Event)>,
 }
 
@@ -151,12 +219,21 @@ pub struct RestoreError;
 pub(crate) struct RobotBlocks<T: Scalar> {
     pub name: String,
     pub sensors: Vec<(Box<dyn Block<T>>, u64)>,
-    pub controllers: Vec<(Box<dyn Block<T>>, u64)>,
+    pub controllers: Vec<Controlled<T>>,
+    /// Names of what is swapped.
+    pub crew: Vec<String>,
     pub plant: Box<dyn Block<T>>,
     pub judge: Judge<T::Single>,
     pub layout: Layout,
     pub has_task: bool,
     pub judge_period: u64,
+}
+
+/// A block that decides: its period in ticks, and the controllers of the robot with which it runs, a bit each.
+pub(crate) struct Controlled<T: Scalar> {
+    pub block: Box<dyn Block<T>>,
+    pub period: u64,
+    pub with: u64,
 }
 
 /// A world before it is wired: periods in ticks, and the robots.
@@ -165,6 +242,8 @@ pub(crate) struct Parts<T: Scalar> {
     pub end: u64,
     pub record: u64,
     pub robots: Vec<RobotBlocks<T>>,
+    /// In order.
+    pub changes: Vec<Change>,
 }
 
 impl<T: Scalar> World<T> {
@@ -184,11 +263,15 @@ impl<T: Scalar> World<T> {
         struct Placed<T: Scalar> {
             block: Box<dyn Block<T>>,
             period: u64,
+            robot: usize,
+            with: u64,
             outputs: std::ops::Range<usize>,
+            columns: Option<Vec<usize>>,
         }
         let (mut sensors, mut controllers, mut plants) = (Vec::new(), Vec::new(), Vec::new());
         let mut judges = Vec::new();
-        for robot in parts.robots {
+        let mut crews = Vec::new();
+        for (k, robot) in parts.robots.into_iter().enumerate() {
             let mut place = |(block, period): (Box<dyn Block<T>>, u64)| {
                 let start = signals.len();
                 for port in block.outputs() {
@@ -198,11 +281,39 @@ impl<T: Scalar> World<T> {
                     outputs: start..signals.len(),
                     block,
                     period,
+                    robot: k,
+                    with: u64::MAX,
+                    columns: None,
                 }
             };
             plants.push(place((robot.plant, 1)));
             sensors.extend(robot.sensors.into_iter().map(&mut place));
-            controllers.extend(robot.controllers.into_iter().map(&mut place));
+            // Of controllers that take turns several write a signal.
+            let begin = signals.len();
+            for controlled in robot.controllers {
+                let start = signals.len();
+                let mut columns = Vec::new();
+                for port in controlled.block.outputs() {
+                    let known = signals[begin..].iter().position(|s| s.path == port.path);
+                    columns.push(match known {
+                        Some(k) => begin + k,
+                        None => add(&mut signals, port),
+                    });
+                }
+                let beside = columns.iter().copied().eq(start..signals.len());
+                controllers.push(Placed {
+                    outputs: start..signals.len(),
+                    block: controlled.block,
+                    period: controlled.period,
+                    robot: k,
+                    with: controlled.with,
+                    columns: (!beside).then_some(columns),
+                });
+            }
+            crews.push(Crew {
+                names: robot.crew,
+                active: 0,
+            });
             let clearance = add(
                 &mut signals,
                 &Signal::new(format!("robot.{}.clearance", robot.name), "m"),
@@ -238,6 +349,12 @@ impl<T: Scalar> World<T> {
                 outputs: placed.outputs,
                 block: placed.block,
                 due: Due::every(placed.period),
+                robot: placed.robot,
+                with: placed.with,
+                shared: placed.columns.map(|columns| Shared {
+                    values: vec![T::zero(); columns.len()],
+                    columns,
+                }),
             }
         };
         let sensors: Vec<Slot<T>> = sensors.into_iter().map(slot).collect();
@@ -290,6 +407,11 @@ impl<T: Scalar> World<T> {
             plants,
             readings,
             referees,
+            crews,
+            changes: parts.changes,
+            next_change: 0,
+            swapped: Vec::new(),
+            failures: Vec::new(),
             events: Vec::with_capacity(64),
         };
         world.observe_everything();
@@ -314,24 +436,24 @@ impl<T: Scalar> World<T> {
             slot.due.period == period && slot.block.fits(block.any())
         };
         let (mut sensors, mut controllers) = (self.sensors.iter(), self.controllers.iter());
-        let all = |slots: &mut std::slice::Iter<'_, Slot<T>>,
-                   blocks: &[(Box<dyn Block<f64>>, u64)]| {
-            blocks.iter().all(|(block, period)| {
-                slots
-                    .next()
-                    .is_some_and(|slot| like(slot, block.as_ref(), *period))
-            })
-        };
         let robots = self.plants.iter().zip(&self.referees).zip(&parts.robots);
         let mut fit = self.step == parts.step
             && self.end == parts.end
             && self.record.period == parts.record
-            && self.plants.len() == parts.robots.len();
+            && self.plants.len() == parts.robots.len()
+            // Each lane would change controllers at a tick of its own.
+            && self.crews.iter().all(|crew| crew.names.len() <= 1);
         for ((plant, referee), robot) in robots {
             fit = fit
                 && like(plant, robot.plant.as_ref(), 1)
-                && all(&mut sensors, &robot.sensors)
-                && all(&mut controllers, &robot.controllers)
+                && robot.sensors.iter().all(|(block, period)| {
+                    let slot = sensors.next();
+                    slot.is_some_and(|slot| like(slot, block.as_ref(), *period))
+                })
+                && robot.controllers.iter().all(|one| {
+                    let slot = controllers.next();
+                    slot.is_some_and(|slot| like(slot, one.block.as_ref(), one.period))
+                })
                 && referee.robot == robot.name
                 && referee.has_task == robot.has_task
                 && referee.due.period == robot.judge_period
@@ -355,8 +477,8 @@ impl<T: Scalar> World<T> {
                 slot.block.take(lane, block.any());
             }
             let pairs = controllers.by_ref().zip(&robot.controllers);
-            for (slot, (block, _)) in pairs.take(robot.controllers.len()) {
-                slot.block.take(lane, block.any());
+            for (slot, one) in pairs.take(robot.controllers.len()) {
+                slot.block.take(lane, one.block.any());
             }
             referee.judges[lane] = robot.judge;
             referee.beacons.put(lane, &rings(&robot.layout));
@@ -390,6 +512,7 @@ impl<T: Scalar> World<T> {
     /// Goes to a tick at which nothing has been done yet but reading and judging.
     fn seek(&mut self, tick: u64) {
         self.tick = tick;
+        self.next_change = self.changes.partition_point(|change| change.tick < tick);
         self.record.seek(tick);
         for slot in self.sensors.iter_mut().chain(&mut self.controllers) {
             slot.due.seek(tick);
@@ -488,6 +611,7 @@ impl<T: Scalar> World<T> {
     ) -> Result<bool, RecordError> {
         let t = T::from_lanes(|lane| self.time(lane));
         self.run_due(Stage::Sense, t);
+        self.change_controllers(t);
         self.run_due(Stage::Decide, t);
         let mut ends = [false; LANES_MAX];
         let mut any_ends = false;
@@ -563,7 +687,7 @@ impl<T: Scalar> World<T> {
                 Stage::Sense => &mut self.sensors[k],
                 Stage::Decide => &mut self.controllers[k],
             };
-            if !slot.due.now(self.tick) {
+            if !slot.due.now(self.tick) || !slot.runs(&self.crews) {
                 continue;
             }
             slot.gather(&self.row);
@@ -572,11 +696,154 @@ impl<T: Scalar> World<T> {
                 t,
                 dt: slot.due.period as f64 * self.step,
             };
-            let outputs = &mut self.row[slot.outputs.clone()];
-            if let Err(error) = slot.block.step(&now, &slot.buffer, outputs) {
-                self.break_off(error, 0.0);
+            let stepped = match &mut slot.shared {
+                None => {
+                    let outputs = &mut self.row[slot.outputs.clone()];
+                    slot.block.step(&now, &slot.buffer, outputs)
+                }
+                Some(shared) => {
+                    for (value, &k) in shared.values.iter_mut().zip(&shared.columns) {
+                        *value = self.row[k];
+                    }
+                    let stepped = slot.block.step(&now, &slot.buffer, &mut shared.values);
+                    for (value, &k) in shared.values.iter().zip(&shared.columns) {
+                        self.row[k] = *value;
+                    }
+                    stepped
+                }
+            };
+            if let Err(error) = stepped {
+                let robot = slot.robot;
+                self.recover(error, robot, t);
             }
         }
+    }
+
+    /// Makes the changes of controllers that are due.
+    fn change_controllers(&mut self, t: T) {
+        while let Some(change) = self.changes.get(self.next_change)
+            && change.tick <= self.tick
+        {
+            let (robot, to) = (change.robot, change.to);
+            self.next_change += 1;
+            self.swap(robot, to, t);
+        }
+    }
+
+    /// Lets another controller of a robot take over, if it can.
+    #[cold]
+    fn swap(&mut self, robot: usize, to: usize, t: T) {
+        let crew = &self.crews[robot];
+        let from = crew.active;
+        if from == to {
+            return;
+        }
+        let name = self.referees[robot].robot.clone();
+        let mut told = Swapped {
+            t: t.lane(0),
+            robot: name.clone(),
+            from: crew.names[from].clone(),
+            to: crew.names[to].clone(),
+            hash: None,
+            refused: None,
+        };
+        let (old, new) = (1 << from, 1 << to);
+        for slot in &mut self.controllers {
+            if slot.robot != robot || slot.with & new == 0 || slot.with & old != 0 {
+                continue;
+            }
+            slot.gather(&self.row);
+            let before: Vec<T> = slot.columns().map(|k| self.row[k]).collect();
+            if let Err(error) = slot.block.take_over(&slot.buffer, &before) {
+                told.refused = Some(error.problem);
+            }
+            told.hash = slot.block.origin().map(str::to_owned);
+        }
+        let text = match &told.refused {
+            Some(problem) => format!(
+                "{} could not take over, {} goes on: {problem}",
+                told.to, told.from
+            ),
+            None => {
+                self.crews[robot].active = to;
+                self.silence(robot, old, new);
+                let hash = told.hash.as_ref();
+                let hash = hash.map_or(String::new(), |hash| format!(" ({})", &hash[..12]));
+                format!("{}{hash} took over from {}", told.to, told.from)
+            }
+        };
+        self.tell(robot, "swap", text, t);
+        self.swapped.push(told);
+    }
+
+    /// Zeros what only the controllers that went wrote.
+    fn silence(&mut self, robot: usize, old: u64, new: u64) {
+        let of = |with: u64| {
+            let slots = self.controllers.iter();
+            slots.filter(move |slot| slot.robot == robot && slot.with & with != 0)
+        };
+        let written: Vec<usize> = of(new).flat_map(Slot::columns).collect();
+        let silent: Vec<usize> = of(old)
+            .flat_map(Slot::columns)
+            .filter(|k| !written.contains(k))
+            .collect();
+        for k in silent {
+            self.row[k] = T::zero();
+        }
+    }
+
+    /// Does what follows where a controller could not go on.
+    #[cold]
+    fn recover(&mut self, error: BlockError, robot: usize, t: T) {
+        if error.then == Recovery::End {
+            return self.break_off(error, 0.0);
+        }
+        let failure = Failure {
+            t: t.lane(0),
+            step: self.ticks[0],
+            block: error.block,
+            problem: error.problem,
+        };
+        let then = match error.then {
+            Recovery::Swap(to) => format!("{} is to take over", self.crews[robot].names[to]),
+            _ => "its commands are zero from here".to_owned(),
+        };
+        let Failure {
+            step,
+            block,
+            problem,
+            ..
+        } = &failure;
+        let text = format!("{block} failed at step {step}: {problem}; {then}");
+        self.failures.push(failure);
+        self.tell(robot, "fault", text, t);
+        if let Recovery::Swap(to) = error.then {
+            self.swap(robot, to, t);
+        }
+    }
+
+    /// An event of a robot, in a world of one trial.
+    fn tell(&mut self, robot: usize, kind: &str, text: String, t: T) {
+        let referee = &self.referees[robot];
+        let [x, y, ..] = referee.watched.map(|k| self.row[k].lane(0));
+        let event = Event {
+            t: t.lane(0),
+            robot: referee.robot.clone(),
+            kind: kind.into(),
+            text,
+            position: Some([x, y]),
+        };
+        self.events.push((0, event));
+    }
+
+    /// Controllers that failed so far, where the run went on.
+    pub fn failures(&self) -> &[Failure] {
+        &self.failures
+    }
+
+    /// Changes of controllers so far.
+    pub fn swapped(&self) -> &[Swapped] {
+        &self.swapped
     }
 
     /// Breaks trials off in which a block could not go on, `dt` after this tick.
@@ -594,6 +861,9 @@ impl<T: Scalar> World<T> {
     /// The first tick after this one at which anything is due.
     fn next_due(&self) -> u64 {
         let mut next = self.record.next;
+        if let Some(change) = self.changes.get(self.next_change) {
+            next = next.min(change.tick);
+        }
         for slot in &self.sensors {
             next = next.min(slot.due.next);
         }
@@ -777,6 +1047,7 @@ impl World {
     pub fn save(&self) -> Vec<u8> {
         let mut bytes = self.tick.to_le_bytes().to_vec();
         crate::block::save_numbers(&self.row, &mut bytes);
+        bytes.extend(self.crews.iter().map(|crew| crew.active as u8));
         for slot in self.slots() {
             slot.block.save(&mut bytes);
         }
@@ -797,6 +1068,10 @@ impl World {
         let tick = u64::from_le_bytes(bytes.get(..8)?.try_into().ok()?);
         let mut at = 8;
         at += crate::block::restore_numbers(&mut self.row, &bytes[at..])?;
+        for crew in &mut self.crews {
+            crew.active = usize::from(*bytes.get(at)?);
+            at += 1;
+        }
         let slots = self
             .sensors
             .iter_mut()
@@ -832,6 +1107,20 @@ impl<T: Scalar> Slot<T> {
         self.gather(row);
         let outputs = &mut row[self.outputs.clone()];
         self.block.observe(&self.buffer, detail, outputs);
+    }
+
+    /// Whether it runs with the present controller of its robot.
+    fn runs(&self, crews: &[Crew]) -> bool {
+        self.with == u64::MAX || self.with & (1 << crews[self.robot].active) != 0
+    }
+
+    /// Columns of its outputs.
+    fn columns(&self) -> impl Iterator<Item = usize> {
+        let (beside, apart): (_, &[usize]) = match &self.shared {
+            None => (self.outputs.clone(), &[]),
+            Some(shared) => (0..0, &shared.columns),
+        };
+        beside.chain(apart.iter().copied())
     }
 
     fn gather(&mut self, row: &[T]) {

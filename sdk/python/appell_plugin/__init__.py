@@ -28,8 +28,9 @@ class Now:
     """The instant of a step.
 
     ``t`` and ``dt``: time and length of the step, s. ``context``: where the controller is, as plain data
-    with the keys ``robot``, ``period``, ``seed``, ``trial``, ``arena``, ``task``, ``pose`` and ``platform``
-    of the scenario. ``before``: at the first step of a controller that took over from another, what that
+    with the keys ``robot``, ``period``, ``step``, ``seed``, ``trial``, ``arena``, ``task``, ``pose`` and
+    ``platform`` of the scenario, and ``path``, the way that Appell plans for the task (``None`` where there
+    is none): ``points`` every ``ds`` metres, with their ``heading`` and ``curvature``. ``before``: at the first step of a controller that took over from another, what that
     one wrote last, by name; else ``None``.
     """
 

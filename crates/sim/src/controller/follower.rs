@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use appell_model::lanewise;
 use appell_model::lanewise::Alike;
-use appell_model::math::wrap_angle;
+use appell_model::math::{hypot, wrap_angle};
 use appell_model::scalar::{Mask, Scalar};
 
 use super::law::{Place, clamp};
@@ -83,6 +83,8 @@ impl<T: Scalar> State<T> {
 const TURN: (f64, f64) = (0.8, 0.12);
 /// Share of the speed that a robot keeps however far it is beside its path.
 const SLOWEST: f64 = 0.15;
+/// Places of the path that are looked at when it is taken over: some centimetres apart.
+const SEARCHED: u32 = 500;
 /// Yaw rate per heading error where the heading is turned for itself, 1/s.
 const TURN_GAIN: f64 = 3.0;
 
@@ -100,10 +102,11 @@ lanewise!(Follower { law, heading, turns } state {
     state
 });
 
-/// A follower of a path for robot `name`, which starts with a heading, rad, and may be able to turn on
+/// A follower of a path for robot `name`, its tuning at the path `base` of the scenario, which starts with a heading, rad, and may be able to turn on
 /// the spot.
 pub fn path_follower<T: Scalar>(
     name: &str,
+    base: &str,
     path: &Arc<Track>,
     tuning: &Tuning,
     heading: T,
@@ -117,7 +120,7 @@ pub fn path_follower<T: Scalar>(
         PoseSource::PoseSensor => "sensor.pose",
         PoseSource::Odometry => "sensor.odometry",
     };
-    let at = |key: &str, value: f64| values.at(format_args!("{robot}.controller.{key}"), value);
+    let at = |key: &str, value: f64| values.at(format_args!("{base}.{key}"), value);
     let speed = at("speed", tuning.speed);
     let acceleration = at("acceleration", tuning.acceleration);
     let lateral_acceleration = at("lateral_acceleration", tuning.lateral_acceleration);
@@ -318,6 +321,32 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         output[6] = error[1];
         output[7] = error[2];
         self.state = state;
+    }
+
+    /// Goes on from the place of the path ahead that is nearest in position and heading, at the speed
+    /// that was commanded.
+    fn take_over(&mut self, input: &[T], before: &[T]) {
+        let [x, y, yaw] = [input[0], input[1], input[2]];
+        let progress = before[4];
+        let ahead = self.path.length - progress;
+        let mut best = (T::from(f64::MAX), progress);
+        for k in 0..=SEARCHED {
+            let s = ahead.mul_add(T::from(k as f64 / SEARCHED as f64), progress);
+            let beside = self.beside(x, y, s);
+            let off = self.lookahead * wrap_angle(yaw - beside.heading);
+            let across = beside.offset.mul_add(beside.offset, off * off);
+            let cost = beside.along.mul_add(beside.along, across);
+            let nearer = cost.less(best.0);
+            best = (cost.min(best.0), T::select(nearer, s, best.1));
+        }
+        let [forward, left] = [before[0], before[1]];
+        self.state = State {
+            progress: best.1,
+            speed: hypot(forward, left),
+            yaw_rate: before[2],
+            turning: T::zero(),
+            velocity: [forward, left],
+        };
     }
 
     fn save(&self, bytes: &mut Vec<u8>) {

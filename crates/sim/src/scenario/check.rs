@@ -9,7 +9,7 @@ use std::path::Path;
 
 use super::*;
 
-use control::{check_controller, check_task};
+use control::{check_controllers, check_swaps, check_task};
 use noise::{check_statistics, check_wheel_noise};
 use platform::platform_rules;
 
@@ -190,6 +190,7 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
     for robot in &scenario.robot {
         check_robot(&mut c, robot, scenario, folder);
     }
+    check_swaps(&mut c, scenario);
     if let Some(statistics) = &scenario.statistics {
         check_statistics(&mut c, scenario, statistics);
     }
@@ -407,15 +408,21 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
                 .wheel
                 .iter()
                 .any(|w| matches!(w.steering, Steering::Steered { .. }));
-            if steered
-                && let Some(Controller::Signals { channel, .. }) = &robot.controller
-                && let Some(channel) = channel.iter().find(|c| c.to.starts_with("wheel."))
-            {
-                c.refuse(
-                    format!("{base}.controller.channel.{}.to", channel.to),
-                    "must not command a single wheel of a robot with steered wheels",
-                    "command forward and yaw_rate; the servo steers",
-                );
+            for (name, controller) in robot.controllers() {
+                if steered
+                    && let Controller::Signals { channel, .. } = controller
+                    && let Some(channel) = channel.iter().find(|c| c.to.starts_with("wheel."))
+                {
+                    let place = match name {
+                        FIRST => "controller".to_owned(),
+                        _ => format!("standby.{name}.controller"),
+                    };
+                    c.refuse(
+                        format!("{base}.{place}.channel.{}.to", channel.to),
+                        "must not command a single wheel of a robot with steered wheels",
+                        "command forward and yaw_rate; the servo steers",
+                    );
+                }
             }
             for sensor in &robot.sensor {
                 if let Sensor::Odometry {
@@ -449,7 +456,7 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
                 );
             }
             check_mobility(c, robot, platform);
-            check_controller(c, robot, &driven, scenario, folder);
+            check_controllers(c, robot, &driven, scenario, folder);
         }
     }
     for sensor in &robot.sensor {
@@ -574,12 +581,11 @@ fn check_mobility(c: &mut Checker, robot: &Robot, file: &Platform) {
     let Ok(platform) = crate::build::platform(file, crate::build::DriveModel::AsBuilt, 9.81) else {
         return;
     };
-    let turns = match &robot.controller {
-        None => false,
-        Some(Controller::Signals { channel, .. }) => channel.iter().any(|c| c.to == "yaw_rate"),
-        Some(_) => true,
+    let turns = |(_, controller): (&str, &Controller)| match controller {
+        Controller::Signals { channel, .. } => channel.iter().any(|c| c.to == "yaw_rate"),
+        _ => true,
     };
-    if turns && crate::design::goes_straight_only(&platform).is_some() {
+    if robot.controllers().any(turns) && crate::design::goes_straight_only(&platform).is_some() {
         c.refuse(
             format!("robot.{}.level", robot.name),
             "must be one whose wheels may slip: this robot steers by skidding, and ideal rolling has no solution that turns",

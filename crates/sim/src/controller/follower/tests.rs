@@ -31,7 +31,15 @@ fn drive(path: &Path, law: Law, heading: Heading, start: [f64; 3], seconds: f64)
     let mut tuning: Follower = toml::from_str("").expect("defaults");
     (tuning.law, tuning.heading) = (law, heading);
     let track = Arc::new(Track::new(path));
-    let mut follower = path_follower("r", &track, &tuning, start[2], true, &Values::new(&[]));
+    let mut follower = path_follower(
+        "r",
+        "robot.r.controller",
+        &track,
+        &tuning,
+        start[2],
+        true,
+        &Values::new(&[]),
+    );
     let dt = 0.005;
     let (mut pose, mut poses) = (start, vec![start]);
     let mut output = [0.0; 8];

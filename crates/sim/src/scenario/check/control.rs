@@ -6,24 +6,176 @@ use std::path::Path;
 use super::super::*;
 use super::{Checker, number, sensor_name};
 
-pub(super) fn check_controller(
+/// All controllers of a robot.
+pub(super) fn check_controllers(
     c: &mut Checker,
     robot: &Robot,
     driven: &[&str],
     scenario: &Scenario,
     folder: &Path,
 ) {
-    let base = format!("robot.{}.controller", robot.name);
+    let base = format!("robot.{}", robot.name);
+    let names = robot.standby.iter().map(|standby| standby.name.as_str());
+    c.unique(&format!("{base}.standby"), "name", names);
+    if robot.standby.len() > STANDBY_MAX {
+        c.refuse(
+            format!("{base}.standby"),
+            format!("must be at most {STANDBY_MAX}, got {}", robot.standby.len()),
+            "",
+        );
+    }
+    if robot.controller.is_none() && !robot.standby.is_empty() {
+        c.refuse(
+            format!("{base}.standby"),
+            "must stand by for a controller, got none",
+            "add [robot.controller]",
+        );
+    }
+    for standby in &robot.standby {
+        let path = format!("{base}.standby.{}.name", standby.name);
+        c.name(path.clone(), &standby.name);
+        if standby.name == FIRST {
+            c.refuse(
+                path,
+                format!("must be another than \"{FIRST}\""),
+                "that is the name of the robot's first controller",
+            );
+        }
+    }
+    for (name, controller) in robot.controllers() {
+        let base = match name {
+            FIRST => format!("{base}.controller"),
+            _ => format!("{base}.standby.{name}.controller"),
+        };
+        let place = Place { robot, base, name };
+        check_controller(c, &place, controller, driven, scenario, folder);
+    }
+}
+
+/// Changes of controllers.
+pub(super) fn check_swaps(c: &mut Checker, scenario: &Scenario) {
+    for (k, swap) in scenario.swap.iter().enumerate() {
+        let path = |field: &str| format!("swap.{k}.{field}");
+        let (step, end) = (scenario.time.step, scenario.time.duration);
+        if !(0.0..=end).contains(&swap.at) {
+            let rule = format!("in [0, {end}], the run's duration, s");
+            c.require(false, path("at"), &rule, number(swap.at));
+        } else if swap.at > 0.0 {
+            c.period(path("at"), swap.at, step);
+        }
+        let named = |robot: &&Robot| robot.name == swap.robot;
+        let Some(robot) = scenario.robot.iter().find(named) else {
+            let known: Vec<&str> = scenario.robot.iter().map(|r| r.name.as_str()).collect();
+            c.refuse(
+                path("robot"),
+                format!("must be the name of a robot, got {:?}", swap.robot),
+                &format!("one of {}", known.join(", ")),
+            );
+            continue;
+        };
+        check_standby(c, path("to"), robot, &swap.to);
+        if robot.count > 1 {
+            c.refuse(
+                path("robot"),
+                format!("must be a single robot, got {} by count", robot.count),
+                "robots by count keep their controllers",
+            );
+        }
+    }
+}
+
+/// The name of one of a robot's controllers.
+fn check_standby(c: &mut Checker, path: String, robot: &Robot, name: &str) {
+    let known: Vec<&str> = robot.controllers().map(|(name, _)| name).collect();
+    if !known.contains(&name) {
+        c.refuse(
+            path,
+            format!("must be the name of a controller that stands by, got {name:?}"),
+            &match known.is_empty() {
+                true => "add [robot.controller] and [[robot.standby]]".to_owned(),
+                false => format!("one of {}", known.join(", ")),
+            },
+        );
+    }
+}
+
+/// Most controllers that stand by.
+const STANDBY_MAX: usize = 32;
+/// Longest step of a plug-in, s, and most memory, MiB.
+const TIME_LIMIT_MAX: f64 = 3600.0;
+const MEMORY_MAX: u64 = 1 << 20;
+
+/// A controller's robot, path and name.
+struct Place<'a> {
+    robot: &'a Robot,
+    base: String,
+    name: &'a str,
+}
+
+fn check_plugin(c: &mut Checker, place: &Place<'_>, plugin: &Plugin, step: f64, folder: &Path) {
+    let path = |field: &str| format!("{}.{field}", place.base);
+    c.period(path("period"), plugin.period, step);
+    let (limit, memory) = (plugin.time_limit, plugin.memory);
+    c.require(
+        limit > 0.0 && limit <= TIME_LIMIT_MAX,
+        path("time_limit"),
+        &format!("in (0, {TIME_LIMIT_MAX}] s"),
+        number(limit),
+    );
+    c.require(
+        (16..=MEMORY_MAX).contains(&memory),
+        path("memory"),
+        &format!("in [16, {MEMORY_MAX}] MiB"),
+        memory,
+    );
+    for (name, &value) in &plugin.parameters {
+        c.finite(path(&format!("parameters.{name}")), value);
+    }
+    if !folder.join(&plugin.file).is_file() {
+        c.refuse(
+            path("file"),
+            format!("must be a file, got {:?}", plugin.file),
+            "paths are relative to the scenario file; `appell plugin new NAME` writes one",
+        );
+    }
+    if let Some(fallback) = &plugin.fallback {
+        check_standby(c, path("fallback"), place.robot, fallback);
+        if fallback == place.name {
+            c.refuse(
+                path("fallback"),
+                format!("must be another controller, got {fallback:?}, itself"),
+                "",
+            );
+        }
+        if plugin.on_failure != OnFailure::Stop {
+            c.refuse(
+                path("on_failure"),
+                "must be left out beside a fallback",
+                "the fallback takes over",
+            );
+        }
+    }
+}
+
+fn check_controller(
+    c: &mut Checker,
+    place: &Place<'_>,
+    controller: &Controller,
+    driven: &[&str],
+    scenario: &Scenario,
+    folder: &Path,
+) {
+    let Place { robot, base, .. } = place;
     let path = |field: &str| format!("{base}.{field}");
-    let Some(controller) = &robot.controller else {
-        return;
-    };
+    if let Controller::Plugin(plugin) = controller {
+        check_plugin(c, place, plugin, scenario.time.step, folder);
+    }
     if let Controller::Signals { period, channel } = controller {
         c.period(path("period"), *period, scenario.time.step);
         let names = channel.iter().map(|ch| ch.to.as_str());
         c.unique(&path("channel"), "to", names);
-        for channel in channel {
-            check_channel(c, channel, &base, robot, driven, folder);
+        for one in channel {
+            check_channel(c, one, channel, place, driven, folder);
         }
     }
     let Some(follower) = controller.follower() else {
@@ -103,8 +255,8 @@ pub(super) fn check_controller(
 fn check_channel(
     c: &mut Checker,
     channel: &Channel,
-    base: &str,
-    robot: &Robot,
+    all: &[Channel],
+    Place { base, .. }: &Place<'_>,
     driven: &[&str],
     folder: &Path,
 ) {
@@ -126,10 +278,7 @@ fn check_channel(
         );
     }
     let twisted = |to: &str| ["forward", "left", "yaw_rate"].contains(&to);
-    if let Some(Controller::Signals { channel: all, .. }) = &robot.controller
-        && twisted(&channel.to)
-        && all.iter().any(|other| other.to.starts_with("wheel."))
-    {
+    if twisted(&channel.to) && all.iter().any(|other| other.to.starts_with("wheel.")) {
         c.refuse(
             path("to"),
             "must not stand beside channels of wheels",

@@ -1,0 +1,401 @@
+//! Plug-ins as blocks: controllers in files of their own.
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use appell_model::scalar::Scalar;
+use appell_plugin::{Fault, Limits, Plugin};
+use serde_json::{Value, json};
+
+use crate::block::{Block, BlockError, Now, Port, Recovery};
+use crate::plan;
+use crate::scenario::{OnFailure, Plugin as File, Robot, Scenario};
+
+/// What the commands of a plug-in begin with, and what else it may write, to be looked at.
+const COMMAND: &str = "command.";
+const OWN: &str = "controller.";
+
+/// Plug-ins that run and wait for work: the trials of a batch take turns with them.
+#[derive(Default)]
+pub(crate) struct Pool(Mutex<Vec<Idle>>);
+
+struct Idle {
+    file: PathBuf,
+    limits: Limits,
+    plugin: Plugin,
+}
+
+impl Pool {
+    /// One of a file, new if none waits.
+    fn take(&self, file: &Path, limits: &Limits) -> Result<Plugin, Fault> {
+        let mut idle = self.0.lock().expect("nothing panics with it");
+        let found = idle
+            .iter()
+            .position(|one| one.file == file && one.limits == *limits);
+        if let Some(k) = found {
+            return Ok(idle.swap_remove(k).plugin);
+        }
+        drop(idle);
+        Plugin::open(file, limits.clone())
+    }
+
+    fn give(&self, file: &Path, limits: &Limits, plugin: Plugin) {
+        if plugin.is_alive() {
+            let mut idle = self.0.lock().expect("nothing panics with it");
+            idle.push(Idle {
+                file: file.to_owned(),
+                limits: limits.clone(),
+                plugin,
+            });
+        }
+    }
+}
+
+/// A plug-in in a world of plain numbers; in lanes it only holds a place, for it is run alone.
+pub(crate) struct Foreign<T> {
+    name: String,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+    file: PathBuf,
+    limits: Limits,
+    parameters: std::collections::BTreeMap<String, f64>,
+    context: Value,
+    recovery: Recovery,
+    hash: String,
+    pool: Arc<Pool>,
+    /// Saving, too, has to speak to it.
+    life: RefCell<Life>,
+    values: [Vec<f64>; 2],
+    numbers: PhantomData<T>,
+}
+
+/// How far a plug-in has come.
+enum Life {
+    /// It is started when it is needed first.
+    Waiting,
+    Running(Box<Plugin>, u32),
+    /// It failed, and its commands are zero.
+    Failed,
+}
+
+/// A plug-in of a robot before it is built.
+pub(crate) struct Request<'a> {
+    pub scenario: &'a Scenario,
+    pub robot: &'a Robot,
+    /// Name among the robot's controllers.
+    pub name: &'a str,
+    pub plugin: &'a File,
+    pub folder: &'a Path,
+    pub trial: u64,
+    /// The way of its task, where there is one.
+    pub way: Option<&'a plan::Path>,
+    /// Signals that it may read.
+    pub known: &'a [Port],
+    /// Commands of wheels: the name below the robot, and the signal that it stands for.
+    pub commands: &'a [(String, Port)],
+}
+
+impl<T: Scalar> Foreign<T> {
+    /// Starts a plug-in, asks it what it is, and joins its ports to the robot's signals.
+    ///
+    /// # Errors
+    /// It cannot be started, or its ports do not fit the robot.
+    pub(crate) fn new(request: &Request<'_>, pool: &Arc<Pool>) -> Result<Self, Fault> {
+        let Request { robot, plugin, .. } = request;
+        let file = request.folder.join(&plugin.file);
+        let limits = Limits {
+            answer: Duration::from_secs_f64(plugin.time_limit),
+            memory: plugin.memory,
+            ..Limits::default()
+        };
+        let mut opened = pool.take(&file, &limits)?;
+        let context = request.context();
+        // A member is made at once, so that what is wrong is found before the run begins.
+        let member = opened.create(&plugin.parameters, &context)?;
+        let descriptor = opened.descriptor();
+        let prefix = format!("robot.{}.", robot.name);
+        let mut inputs = Vec::new();
+        for port in &descriptor.inputs {
+            inputs.push(request.input(&prefix, &port.name, &port.unit)?);
+        }
+        let mut outputs = Vec::new();
+        for port in &descriptor.outputs {
+            outputs.push(request.output(&prefix, &port.name, &port.unit)?);
+        }
+        let writes = |begins: &str| {
+            descriptor
+                .outputs
+                .iter()
+                .any(|o| o.name.starts_with(begins))
+        };
+        if writes(COMMAND) == writes("wheel.") {
+            return Err(Fault {
+                field: "outputs".into(),
+                problem: "must command either the twist or the wheels".into(),
+                hint: format!("one of {}", request.writable().join(", ")),
+            });
+        }
+        let recovery = match (&plugin.fallback, plugin.on_failure) {
+            (Some(name), _) => {
+                let place = robot.controllers().position(|(other, _)| other == name);
+                Recovery::Swap(place.expect("a checked fallback stands by"))
+            }
+            (None, OnFailure::Stop) => Recovery::Stop,
+            (None, OnFailure::End) => Recovery::End,
+        };
+        let hash = opened.hash().to_owned();
+        Ok(Foreign {
+            name: format!("{prefix}{}", request.name),
+            values: [vec![0.0; inputs.len()], vec![0.0; outputs.len()]],
+            inputs,
+            outputs,
+            file,
+            limits,
+            parameters: plugin.parameters.clone(),
+            context,
+            recovery,
+            hash,
+            pool: pool.clone(),
+            life: RefCell::new(Life::Running(Box::new(opened), member)),
+            numbers: PhantomData,
+        })
+    }
+
+    /// Whether it commands the twist, and not the wheels.
+    pub(crate) fn is_twisted(&self) -> bool {
+        let is_command = |port: &Port| port.path.contains(".command.");
+        self.outputs.iter().any(is_command)
+    }
+
+    /// Starts it where it waits, and lets it do something.
+    fn with<R>(&self, act: impl FnOnce(&mut Plugin, u32) -> Result<R, Fault>) -> Result<R, Fault> {
+        let mut life = self.life.borrow_mut();
+        if let Life::Waiting = *life {
+            let mut plugin = self.pool.take(&self.file, &self.limits)?;
+            if plugin.hash() != self.hash {
+                return Err(Fault {
+                    field: "file".into(),
+                    problem: "changed while it was used".into(),
+                    hint: String::new(),
+                });
+            }
+            let member = plugin.create(&self.parameters, &self.context)?;
+            *life = Life::Running(Box::new(plugin), member);
+        }
+        match &mut *life {
+            Life::Running(plugin, member) => act(plugin, *member),
+            Life::Waiting | Life::Failed => Err(Fault {
+                field: "step".into(),
+                problem: "it has failed before".into(),
+                hint: String::new(),
+            }),
+        }
+    }
+
+    /// Gives the process back.
+    fn release(&mut self) {
+        if let Life::Running(mut plugin, member) = self.life.replace(Life::Waiting) {
+            plugin.destroy(member);
+            self.pool.give(&self.file, &self.limits, *plugin);
+        }
+    }
+
+    fn failed(&mut self, fault: &Fault) -> BlockError {
+        self.release();
+        *self.life.get_mut() = Life::Failed;
+        BlockError {
+            block: self.name.clone(),
+            problem: fault.to_string(),
+            lanes: u32::MAX,
+            then: self.recovery.clone(),
+        }
+    }
+}
+
+impl<T> Drop for Foreign<T> {
+    fn drop(&mut self) {
+        if let Life::Running(mut plugin, member) = self.life.replace(Life::Failed) {
+            plugin.destroy(member);
+            self.pool.give(&self.file, &self.limits, *plugin);
+        }
+    }
+}
+
+impl Request<'_> {
+    /// What a plug-in is told of its place.
+    fn context(&self) -> Value {
+        let robot = self.robot;
+        json!({
+            "robot": robot.name,
+            "period": self.plugin.period,
+            "step": self.scenario.time.step,
+            "seed": self.scenario.seed,
+            "trial": self.trial,
+            "arena": self.scenario.arena,
+            "task": robot.task,
+            "pose": robot.pose,
+            "platform": robot.platform,
+            "path": self.way.map(|way| json!({
+                "ds": way.ds,
+                "points": way.points,
+                "heading": way.heading,
+                "curvature": way.curvature,
+            })),
+        })
+    }
+
+    fn input(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
+        let path = format!("{prefix}{name}");
+        let found = self.known.iter().find(|port| port.path == path);
+        let field = format!("inputs.{name}");
+        match found {
+            Some(port) if port.unit == unit => Ok(port.clone()),
+            Some(port) => Err(Fault {
+                field,
+                problem: format!("must be in {}, got {unit:?}", port.unit),
+                hint: "name the unit that the signal has; values are in SI units".into(),
+            }),
+            None => {
+                let names = self
+                    .known
+                    .iter()
+                    .filter_map(|p| p.path.strip_prefix(prefix));
+                Err(Fault {
+                    field,
+                    problem: "must be a signal of the robot".into(),
+                    hint: format!("it has: {}", names.collect::<Vec<_>>().join(", ")),
+                })
+            }
+        }
+    }
+
+    fn output(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
+        let own = |path: &str| Port::new(format!("{prefix}{path}"), unit);
+        let wanted = match name {
+            "command.forward" | "command.left" => "m/s",
+            "command.yaw_rate" => "rad/s",
+            "brake" => "1",
+            _ if name.strip_prefix(OWN).is_some_and(|rest| !rest.is_empty()) => unit,
+            _ => match self.commands.iter().find(|(command, _)| command == name) {
+                Some((_, port)) if port.unit == unit => return Ok(port.clone()),
+                Some((_, port)) => port.unit.as_str(),
+                None => {
+                    return Err(Fault {
+                        field: format!("outputs.{name}"),
+                        problem: "must be a command, or a signal of its own".into(),
+                        hint: format!("one of {}, or {OWN}NAME", self.writable().join(", ")),
+                    });
+                }
+            },
+        };
+        if wanted != unit {
+            return Err(Fault {
+                field: format!("outputs.{name}"),
+                problem: format!("must be in {wanted}, got {unit:?}"),
+                hint: "values are in SI units".into(),
+            });
+        }
+        Ok(own(name))
+    }
+
+    fn writable(&self) -> Vec<&str> {
+        let twist = [
+            "command.forward",
+            "command.left",
+            "command.yaw_rate",
+            "brake",
+        ];
+        let wheels = self.commands.iter().map(|(name, _)| name.as_str());
+        twist.into_iter().chain(wheels).collect()
+    }
+}
+
+impl<T: Scalar> Block<T> for Foreign<T> {
+    fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+
+    fn step(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) -> Result<(), BlockError> {
+        if let Life::Failed = self.life.get_mut() {
+            return Ok(());
+        }
+        let [mut inputs, mut outputs] = std::mem::take(&mut self.values);
+        for (value, number) in inputs.iter_mut().zip(input) {
+            *value = number.lane(0);
+        }
+        let (t, dt) = (now.t.lane(0), now.dt);
+        let stepped = self.with(|plugin, member| plugin.step(member, t, dt, &inputs, &mut outputs));
+        let result = match stepped {
+            Ok(()) => {
+                for (number, &value) in output.iter_mut().zip(&outputs) {
+                    *number = T::from(value);
+                }
+                Ok(())
+            }
+            Err(fault) => {
+                if self.recovery == Recovery::Stop {
+                    output.fill(T::zero());
+                }
+                Err(self.failed(&fault))
+            }
+        };
+        self.values = [inputs, outputs];
+        result
+    }
+
+    fn take_over(&mut self, _input: &[T], before: &[T]) -> Result<(), BlockError> {
+        let before: Vec<f64> = before.iter().map(|number| number.lane(0)).collect();
+        self.with(|plugin, member| plugin.take_over(member, &before))
+            .map_err(|fault| self.failed(&fault))
+    }
+
+    fn origin(&self) -> Option<&str> {
+        Some(&self.hash)
+    }
+
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let failed = matches!(*self.life.borrow(), Life::Failed);
+        let memory = match failed {
+            true => None,
+            false => self.with(|plugin, member| plugin.save(member)).ok(),
+        };
+        // Without a memory it stands still from here.
+        bytes.push(u8::from(memory.is_some()));
+        let memory = memory.unwrap_or_default();
+        bytes.extend_from_slice(&(memory.len() as u64).to_le_bytes());
+        bytes.extend_from_slice(&memory);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
+        let (&lives, rest) = bytes.split_first()?;
+        let length = u64::from_le_bytes(*rest.first_chunk()?) as usize;
+        let memory = rest.get(8..8usize.checked_add(length)?)?;
+        self.release();
+        if lives == 0 {
+            *self.life.get_mut() = Life::Failed;
+        } else {
+            self.with(|plugin, member| plugin.restore(member, memory))
+                .ok()?;
+        }
+        Some(9 + length)
+    }
+
+    fn any(&self) -> &dyn Any {
+        self
+    }
+
+    fn fits(&self, _one: &dyn Any) -> bool {
+        // It is one process, with a memory of its own.
+        false
+    }
+
+    fn take(&mut self, _lane: usize, _one: &dyn Any) {}
+}
