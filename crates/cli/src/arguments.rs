@@ -113,6 +113,10 @@ pub struct RunOptions {
     /// Write no recording.
     #[arg(long)]
     pub no_recording: bool,
+    /// Load libraries that the scenario names as plug-ins into this process: faster, and nothing limits
+    /// them.
+    #[arg(long)]
+    pub trust_native: bool,
 }
 
 /// Options of `check`.
@@ -389,6 +393,15 @@ pub enum PluginCommand {
         /// Steps of each test.
         #[arg(long, default_value_t = 200)]
         steps: usize,
+        /// Load a library into this process instead of one of its own.
+        #[arg(long)]
+        trust_native: bool,
+    },
+    /// Answer messages for a library: what appell starts in a process of its own.
+    #[command(hide = true)]
+    Serve {
+        /// File of the library.
+        file: PathBuf,
     },
 }
 
@@ -397,6 +410,8 @@ pub enum PluginCommand {
 pub enum Language {
     /// A function in a file, with the module of `sdk/python`.
     Python,
+    /// A shared library, with the header of `sdk/c`.
+    C,
 }
 
 /// Options of `schema`.

@@ -13,7 +13,7 @@ pub fn new(options: &NewOptions) -> u8 {
     let folder = &options.folder;
     let text = scenario(&name(folder), "drive to a beacon and stop beside it");
     let files = [("scenario.toml", text.as_str()), ("robot.toml", ROBOT)];
-    write(folder, &files, "")
+    write(folder, &files, &[])
 }
 
 /// What is made in a folder is named as the folder is.
@@ -41,8 +41,8 @@ pub fn scenario(name: &str, about: &str) -> String {
         .fold(head, |text, line| text + line + "\n")
 }
 
-/// Writes files into a new folder, and tells how to go on: with a look at `first`, if there is one.
-pub fn write(folder: &Path, files: &[(&str, &str)], first: &str) -> u8 {
+/// Writes files into a new folder, and tells how to go on: by `first`, then with a run.
+pub fn write(folder: &Path, files: &[(&str, &str)], first: &[String]) -> u8 {
     if folder.exists() {
         terminal::error(&format!(
             "{}: exists already\n  hint: give the path of a folder that does not exist yet",
@@ -62,14 +62,16 @@ pub fn write(folder: &Path, files: &[(&str, &str)], first: &str) -> u8 {
         .iter()
         .map(|(name, _)| format!("{}/{name}", folder.display()))
         .collect();
-    let look = match first.is_empty() {
-        true => String::new(),
-        false => format!("appell plugin test {first}\n      "),
-    };
+    let run = format!("appell run {}/scenario.toml", folder.display());
+    let next: Vec<&str> = first
+        .iter()
+        .map(String::as_str)
+        .chain([run.as_str()])
+        .collect();
     terminal::print(&format!(
-        "written: {}\nnext: {look}appell run {}/scenario.toml",
+        "written: {}\nnext: {}",
         names.join(", "),
-        folder.display()
+        next.join("\n      ")
     ));
     exit::PASSED
 }

@@ -14,11 +14,24 @@ pub fn plugin(command: &PluginCommand) -> u8 {
         PluginCommand::New { folder, language } => new(folder, *language),
         PluginCommand::Describe { file, json } => describe(file, *json),
         PluginCommand::List { folder } => list(folder),
-        PluginCommand::Test { file, steps } => test(file, *steps),
+        PluginCommand::Test {
+            file,
+            steps,
+            trust_native,
+        } => test(file, *steps, *trust_native),
+        PluginCommand::Serve { file } => match appell_plugin::serve(file) {
+            Ok(()) => exit::PASSED,
+            Err(error) => {
+                terminal::error(&format!("{}: cannot be served: {error}", file.display()));
+                exit::OUTPUT
+            }
+        },
     }
 }
 
 const PYTHON: &str = include_str!("../templates/controller.py");
+const C: &str = include_str!("../templates/controller.c");
+const HEADER: &str = include_str!("../../../sdk/c/appell_plugin.h");
 
 /// What the starter scenario has in place of its controller.
 const CONTROLLER: &str = r#"[robot.controller]
@@ -30,9 +43,13 @@ on_failure = "stop"            # or "end", or leave it out and name a fallback
 
 "#;
 
-fn new(folder: &Path, Language::Python: Language) -> u8 {
+fn new(folder: &Path, language: Language) -> u8 {
     let name = name(folder);
-    let file = format!("{name}.py");
+    let (suffix, used) = match language {
+        Language::Python => ("py", "py"),
+        Language::C => ("c", "so"),
+    };
+    let (source, used) = (format!("{name}.{suffix}"), format!("{name}.{used}"));
     let text = scenario(
         &name,
         "a controller of your own drives to a beacon and stops beside it",
@@ -43,16 +60,26 @@ fn new(folder: &Path, Language::Python: Language) -> u8 {
     };
     let text = [
         &text[..begin],
-        &CONTROLLER.replace("FILE", &file),
+        &CONTROLLER.replace("FILE", &used),
         &text[end..],
     ]
     .concat();
-    let files = [
-        (file.as_str(), PYTHON),
-        ("scenario.toml", &text),
-        ("robot.toml", robot()),
-    ];
-    crate::new::write(folder, &files, &format!("{}/{file}", folder.display()))
+    let place = folder.display();
+    let mut files = vec![("scenario.toml", text.as_str()), ("robot.toml", robot())];
+    let own = C.replace("NAME", &name);
+    let mut next = Vec::new();
+    match language {
+        Language::Python => files.insert(0, (&source, PYTHON)),
+        Language::C => {
+            files.insert(0, ("appell_plugin.h", HEADER));
+            files.insert(0, (&source, &own));
+            next.push(format!(
+                "cc -shared -fPIC -O2 -ffp-contract=off -o {place}/{used} {place}/{source} -lm"
+            ));
+        }
+    }
+    next.push(format!("appell plugin test {place}/{used}"));
+    crate::new::write(folder, &files, &next)
 }
 
 fn describe(file: &Path, json: bool) -> u8 {
@@ -154,8 +181,12 @@ fn list(folder: &Path) -> u8 {
     exit::PASSED
 }
 
-fn test(file: &Path, steps: usize) -> u8 {
-    let findings = match conformance(file, &Limits::default(), steps.max(2)) {
+fn test(file: &Path, steps: usize, is_trusted: bool) -> u8 {
+    let limits = Limits {
+        is_trusted,
+        ..Limits::default()
+    };
+    let findings = match conformance(file, &limits, steps.max(2)) {
         Ok(findings) => findings,
         Err(fault) => return refuse(file, &fault),
     };

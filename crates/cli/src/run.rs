@@ -36,7 +36,10 @@ pub fn run(options: &RunOptions) -> u8 {
     let mut written: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for file in &options.scenarios {
         let loaded = match scenario::load(file, &overrides) {
-            Ok(loaded) => loaded,
+            Ok(loaded) => Loaded {
+                trust_native: options.trust_native,
+                ..loaded
+            },
             Err(diagnostics) => {
                 terminal::error(&diagnostics.to_string());
                 worst = worst.max(exit::BAD_INPUT);

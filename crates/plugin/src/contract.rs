@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::wire::PROTOCOL;
 
@@ -112,7 +113,16 @@ pub struct Parameter {
 }
 
 impl Output {
+    /// Whether a value is finite and within the limits.
+    #[inline]
+    pub(crate) fn admits(&self, value: f64) -> bool {
+        let above = self.min.is_none_or(|min| value >= min);
+        let below = self.max.is_none_or(|max| value <= max);
+        value.is_finite() && above && below
+    }
+
     /// Lets a value through, or says why not.
+    #[cold]
     pub(crate) fn admit(&self, value: f64) -> Result<(), Fault> {
         let refuse = |problem: String| Err(Fault::new(format!("outputs.{}", self.name), problem));
         if !value.is_finite() {
@@ -135,18 +145,24 @@ fn range(min: Option<f64>, max: Option<f64>, value: f64) -> Option<String> {
 }
 
 impl Descriptor {
-    /// Refuses what no host could make sense of.
-    pub(crate) fn check(&self) -> Result<(), Fault> {
-        let refuse = |field: String, problem: String| Err(Fault::new(field, problem));
-        if self.protocol != PROTOCOL {
-            let problem = format!(
-                "must speak version {PROTOCOL} of the messages, got {}",
-                self.protocol
-            );
-            return Err(Fault::new("describe.protocol", problem).hint(
-                "it was made for another version of Appell: take an SDK that goes with this one",
-            ));
+    /// Reads what a plug-in says of itself, and refuses what no host could make sense of.
+    pub(crate) fn read(value: Value) -> Result<Descriptor, Fault> {
+        // A description from another version may have other fields: the version comes first.
+        if value["protocol"] != json!(PROTOCOL) {
+            let got = &value["protocol"];
+            let problem = format!("must be {PROTOCOL}, the version of the messages, got {got}");
+            return Err(Fault::new("describe.protocol", problem)
+                .hint("take an SDK that goes with this version of Appell"));
         }
+        let descriptor: Descriptor = serde_json::from_value(value)
+            .map_err(|error| Fault::new("describe", error.to_string()))?;
+        descriptor.check()?;
+        Ok(descriptor)
+    }
+
+    /// Refuses what no host could make sense of.
+    fn check(&self) -> Result<(), Fault> {
+        let refuse = |field: String, problem: String| Err(Fault::new(field, problem));
         let inputs = self.inputs.iter().map(|port| (&port.name, &port.unit));
         let outputs = self.outputs.iter().map(|port| (&port.name, &port.unit));
         let parameters = self.parameters.iter().map(|p| (&p.name, &p.unit));

@@ -6,11 +6,14 @@
 //! the right length, finite and within the limits that were stated, or it is a [`Fault`].
 //!
 //! This crate knows nothing of robots. A plug-in runs in a child process and talks over its standard
-//! input and output; the messages are those of [`wire`], which the book documents for other languages.
+//! input and output; the messages are those of [`wire`], which the book documents for other languages. A
+//! library with a C interface is served by a child as well, or loaded into this process where it is trusted.
 
 mod conformance;
 mod contract;
+mod native;
 mod process;
+mod serve;
 pub mod wire;
 
 use std::collections::BTreeMap;
@@ -20,17 +23,28 @@ use serde_json::Value;
 
 pub use conformance::{Finding, conformance};
 pub use contract::{Descriptor, Fault, Output, Parameter, Port};
-pub use process::{Limits, Process};
+pub use process::Limits;
+pub use serve::serve;
+
+use native::Native;
+use process::{Kind, Process};
 
 /// A plug-in that runs.
 #[derive(Debug)]
 pub struct Plugin {
-    process: Process,
+    host: Host,
     descriptor: Descriptor,
     hash: String,
     next: u32,
     /// Room for what comes back.
     results: Vec<f64>,
+}
+
+/// Where it runs.
+#[derive(Debug)]
+enum Host {
+    Process(Box<Process>),
+    Native(Native),
 }
 
 impl Plugin {
@@ -41,12 +55,18 @@ impl Plugin {
     pub fn open(file: &Path, limits: Limits) -> Result<Plugin, Fault> {
         let bytes = std::fs::read(file)
             .map_err(|error| Fault::new("file", format!("cannot be read: {error}")))?;
-        let mut process = Process::start(file, limits)?;
-        let descriptor: Descriptor = process.describe()?;
-        descriptor.check()?;
+        let (host, described) = if limits.is_trusted && Kind::of(file) == Kind::Library {
+            let native = Native::open(file)?;
+            let described = native.describe()?;
+            (Host::Native(native), described)
+        } else {
+            let mut process = Process::start(file, limits)?;
+            let described = process.describe()?;
+            (Host::Process(Box::new(process)), described)
+        };
         Ok(Plugin {
-            process,
-            descriptor,
+            host,
+            descriptor: Descriptor::read(described)?,
             hash: digest(&bytes),
             next: 0,
             results: Vec::new(),
@@ -65,7 +85,10 @@ impl Plugin {
 
     /// Whether it can still be spoken to.
     pub fn is_alive(&self) -> bool {
-        self.process.is_alive()
+        match &self.host {
+            Host::Process(process) => process.is_alive(),
+            Host::Native(_) => true,
+        }
     }
 
     /// Makes a member with these parameters, of those it has, in a place that `context` tells of.
@@ -79,14 +102,20 @@ impl Plugin {
     ) -> Result<u32, Fault> {
         let parameters = self.descriptor.complete(parameters)?;
         let member = self.next;
-        self.process.create(member, &parameters, context)?;
+        match &mut self.host {
+            Host::Process(process) => process.create(member, &parameters, context)?,
+            Host::Native(native) => native.create(member, &parameters, context)?,
+        }
         self.next += 1;
         Ok(member)
     }
 
     /// Ends a member. What cannot be ended is gone already.
     pub fn destroy(&mut self, member: u32) {
-        let _ = self.process.destroy(member);
+        match &mut self.host {
+            Host::Process(process) => drop(process.destroy(member)),
+            Host::Native(native) => native.destroy(member),
+        }
     }
 
     /// Makes a step of `dt`, s, from `t`, s, of one member: writes its outputs, in their order.
@@ -122,11 +151,28 @@ impl Plugin {
         output: &mut [f64],
     ) -> Result<(), (usize, Fault)> {
         let width = self.descriptor.outputs.len();
-        self.results.clear();
-        self.process.step(calls, width, &mut self.results)?;
-        for (k, values) in self.results.chunks_exact(width.max(1)).enumerate() {
+        match &mut self.host {
+            Host::Process(process) => {
+                self.results.clear();
+                process.step(calls, width, &mut self.results)?;
+            }
+            Host::Native(native) => {
+                // What it leaves out is not taken from the step before.
+                self.results.resize(calls.len() * width, f64::NAN);
+                self.results.fill(f64::NAN);
+                let room = self.results.chunks_exact_mut(width);
+                for (k, (call, results)) in calls.iter().zip(room).enumerate() {
+                    native
+                        .step(call, results)
+                        .map_err(|problem| (k, Fault::new("step", problem)))?;
+                }
+            }
+        }
+        for (k, values) in self.results.chunks_exact(width).enumerate() {
             for (port, &value) in self.descriptor.outputs.iter().zip(values) {
-                port.admit(value).map_err(|fault| (k, fault))?;
+                if !port.admits(value) {
+                    port.admit(value).map_err(|fault| (k, fault))?;
+                }
             }
         }
         output.copy_from_slice(&self.results);
@@ -138,7 +184,13 @@ impl Plugin {
     /// # Errors
     /// It fails.
     pub fn save(&mut self, member: u32) -> Result<Vec<u8>, Fault> {
-        self.process.save(member)
+        match &mut self.host {
+            Host::Process(process) => process.save(member),
+            Host::Native(native) => {
+                let result = native.save(member);
+                result.map_err(|problem| Fault::new("save", problem))
+            }
+        }
     }
 
     /// Gives a member back what one of its kind remembered.
@@ -146,7 +198,13 @@ impl Plugin {
     /// # Errors
     /// It does not take it.
     pub fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), Fault> {
-        self.process.restore(member, bytes)
+        match &mut self.host {
+            Host::Process(process) => process.restore(member, bytes),
+            Host::Native(native) => {
+                let result = native.restore(member, bytes);
+                result.map_err(|problem| Fault::new("restore", problem))
+            }
+        }
     }
 
     /// Tells a member, which is about to take over from another block, what that one wrote last.
@@ -154,7 +212,13 @@ impl Plugin {
     /// # Errors
     /// It does not take it.
     pub fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), Fault> {
-        self.process.take_over(member, outputs)
+        match &mut self.host {
+            Host::Process(process) => process.take_over(member, outputs),
+            Host::Native(native) => {
+                let result = native.take_over(member, outputs);
+                result.map_err(|problem| Fault::new("take_over", problem))
+            }
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::contract::{Descriptor, Fault};
+use crate::contract::Fault;
 use crate::wire::{self, Call, kind};
 
 /// What a plug-in may take.
@@ -19,6 +19,8 @@ pub struct Limits {
     pub answer: Duration,
     /// Most memory that it can address, MiB.
     pub memory: u64,
+    /// Whether a library is loaded into this process, where nothing limits it.
+    pub is_trusted: bool,
 }
 
 impl Default for Limits {
@@ -27,6 +29,7 @@ impl Default for Limits {
             start: Duration::from_secs(10),
             answer: Duration::from_secs(1),
             memory: 4096,
+            is_trusted: false,
         }
     }
 }
@@ -41,7 +44,42 @@ pub struct Process {
     limits: Limits,
     message: Vec<u8>,
     body: Vec<u8>,
-    is_python: bool,
+    kind: Kind,
+}
+
+/// What a file is, by its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Python,
+    Library,
+    Program,
+}
+
+impl Kind {
+    pub(crate) fn of(file: &Path) -> Kind {
+        let extension = file.extension().and_then(|extension| extension.to_str());
+        match extension {
+            Some("py") => Kind::Python,
+            Some("so" | "dylib" | "dll") => Kind::Library,
+            _ => Kind::Program,
+        }
+    }
+}
+
+/// The program `appell`, which loads libraries in processes of their own.
+fn server() -> Result<PathBuf, Fault> {
+    if let Some(named) = std::env::var_os("APPELL_EXECUTABLE") {
+        return Ok(named.into());
+    }
+    let own = std::env::current_exe().ok();
+    let is_appell = |path: &PathBuf| path.file_stem().is_some_and(|stem| stem == "appell");
+    own.filter(is_appell).ok_or_else(|| {
+        Fault::new(
+            "start",
+            "libraries are loaded by the program appell, which is not known",
+        )
+        .hint("name it in APPELL_EXECUTABLE")
+    })
 }
 
 /// Why an exchange failed.
@@ -55,40 +93,44 @@ enum Break {
 }
 
 impl Process {
-    /// Starts the program of a file: with Python where it ends in `.py`, else by itself.
+    /// Starts the program of a file: with Python where it ends in `.py`, with Appell itself where it is a
+    /// library, else by itself.
     pub(crate) fn start(file: &Path, limits: Limits) -> Result<Process, Fault> {
         // A path without a folder would be looked for among the installed programs.
-        let file = std::path::absolute(file)
+        let path = std::path::absolute(file)
             .map_err(|error| Fault::new("file", format!("cannot be found: {error}")))?;
-        let is_python = file.extension().is_some_and(|extension| extension == "py");
-        let mut words = Vec::new();
-        if is_python {
-            let python = std::env::var_os("APPELL_PYTHON").unwrap_or_else(|| "python3".into());
-            words.extend([python, "-m".into(), "appell_plugin".into()]);
-        }
-        words.push(file.into_os_string());
-        Process::spawn(&words, limits, is_python)
+        let kind = Kind::of(file);
+        let mut words = match kind {
+            Kind::Python => {
+                let python = std::env::var_os("APPELL_PYTHON").unwrap_or_else(|| "python3".into());
+                vec![python, "-m".into(), "appell_plugin".into()]
+            }
+            Kind::Library => vec![server()?.into_os_string(), "plugin".into(), "serve".into()],
+            Kind::Program => Vec::new(),
+        };
+        words.push(path.into_os_string());
+        Process::spawn(&words, limits, kind)
     }
 
     #[cfg(not(unix))]
-    fn spawn(_: &[std::ffi::OsString], _: Limits, _: bool) -> Result<Process, Fault> {
+    fn spawn(_: &[std::ffi::OsString], _: Limits, _: Kind) -> Result<Process, Fault> {
         let problem = "plug-ins in processes of their own need sockets that this system lacks";
         Err(Fault::new("start", problem).hint("run it on Linux or macOS"))
     }
 
     #[cfg(unix)]
-    fn spawn(
-        words: &[std::ffi::OsString],
-        limits: Limits,
-        is_python: bool,
-    ) -> Result<Process, Fault> {
-        use std::os::fd::OwnedFd;
+    fn spawn(words: &[std::ffi::OsString], limits: Limits, kind: Kind) -> Result<Process, Fault> {
+        use std::os::fd::{AsFd, OwnedFd};
         use std::os::unix::net::UnixStream;
 
         let failed = |error: io::Error| Fault::new("start", format!("cannot be started: {error}"));
         // A pair of sockets rather than pipes: they know time limits.
         let (ours, theirs) = UnixStream::pair().map_err(failed)?;
-        let output = OwnedFd::from(theirs.try_clone().map_err(failed)?);
+        let output = match kind {
+            // It answers where it is asked, so that what its code prints is no message.
+            Kind::Library => io::stderr().as_fd().try_clone_to_owned().map_err(failed)?,
+            Kind::Python | Kind::Program => OwnedFd::from(theirs.try_clone().map_err(failed)?),
+        };
         let mut command = Command::new("/bin/sh");
         command
             .args(["-c", "ulimit -v \"$0\" && exec \"$@\""])
@@ -116,40 +158,30 @@ impl Process {
             limits,
             message: Vec::new(),
             body: Vec::new(),
-            is_python,
+            kind,
         })
     }
 
-    pub(crate) fn describe(&mut self) -> Result<Descriptor, Fault> {
+    pub(crate) fn describe(&mut self) -> Result<Value, Fault> {
         let limit = self.limits.start;
         let request = json!({ "protocol": wire::PROTOCOL });
         self.open(kind::DESCRIBE);
         self.put_json(&request);
-        let is_python = self.is_python;
-        self.exchange(kind::DESCRIBE, limit).map_err(|lost| {
-            let fault = Fault::new("describe", lost.text());
-            match is_python {
-                true => fault.hint(
-                    "Python plug-ins need the module: pip install ./sdk/python, in the Python that APPELL_PYTHON names, or python3",
-                ),
-                false => fault.hint(
-                    "it must be a program that speaks Appell's messages, and may be executed",
-                ),
+        let hint = match self.kind {
+            Kind::Python => {
+                "Python plug-ins need the module: pip install ./sdk/python, in the Python that APPELL_PYTHON names, or python3"
             }
-        })?;
-        // A description from another version may have other fields: the version comes first.
-        let value: Value = serde_json::from_slice(&self.body)
-            .map_err(|error| Fault::new("describe", format!("must be JSON: {error}")))?;
-        if value["protocol"] != json!(wire::PROTOCOL) {
-            let problem = format!(
-                "must be {}, the version of the messages, got {}",
-                wire::PROTOCOL,
-                value["protocol"]
-            );
-            return Err(Fault::new("describe.protocol", problem)
-                .hint("take an SDK that goes with this version of Appell"));
-        }
-        serde_json::from_value(value).map_err(|error| Fault::new("describe", error.to_string()))
+            Kind::Library => {
+                "it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h"
+            }
+            Kind::Program => {
+                "it must be a program that speaks Appell's messages, and may be executed"
+            }
+        };
+        self.exchange(kind::DESCRIBE, limit)
+            .map_err(|lost| Fault::new("describe", lost.text()).hint(hint))?;
+        serde_json::from_slice(&self.body)
+            .map_err(|error| Fault::new("describe", format!("must be JSON: {error}")))
     }
 
     pub(crate) fn create(

@@ -29,6 +29,8 @@ pub struct Loaded {
     pub folder: PathBuf,
     /// The scenario with robot files and overrides put in, as TOML: enough to run it again.
     pub resolved: String,
+    /// Whether libraries that it names may be loaded into this process; for whoever runs it to say.
+    pub trust_native: bool,
 }
 
 /// A text with its parsed form, for finding lines.
@@ -80,6 +82,7 @@ impl Draft {
         located(&self.sources, &self.overrides, problems)?;
         Ok(Loaded {
             resolved: self.scenario.to_toml(),
+            trust_native: false,
             scenario: self.scenario,
             file: self.file,
             folder: self.folder,
@@ -214,6 +217,7 @@ impl Template {
             file: self.file.clone(),
             folder: self.folder.clone(),
             resolved: String::new(),
+            trust_native: false,
         })
     }
 }

@@ -134,6 +134,7 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                     name,
                     plugin,
                     folder: &self.loaded.folder,
+                    is_trusted: self.loaded.trust_native,
                     trial: self.key.1,
                     way: self.way.map(|(path, _)| path),
                     known: &self.known,
@@ -199,11 +200,16 @@ pub(crate) fn changes(scenario: &Scenario) -> Vec<Change> {
     changes
 }
 
-/// Signals of a robot that its plug-ins may read: motion and sensors.
+/// Signals of a robot that its plug-ins, if it has any, may read: motion and sensors.
 pub(crate) fn known_signals<T: Scalar>(
+    robot: &Robot,
     plant: &Plant<T>,
     sensors: &[(Box<dyn Block<T>>, u64)],
 ) -> Vec<Port> {
+    let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
+    if !robot.controllers().any(is_plugin) {
+        return Vec::new();
+    }
     let sensed = sensors.iter().flat_map(|(sensor, _)| sensor.outputs());
     plant.outputs().iter().chain(sensed).cloned().collect()
 }

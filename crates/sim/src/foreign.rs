@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::block::{Block, BlockError, Now, Port, Recovery};
 use crate::plan;
-use crate::scenario::{OnFailure, Plugin as File, Robot, Scenario};
+use crate::scenario::{OnFailure, Plugin as File, Robot, Scenario, Task};
 
 /// What the commands of a plug-in begin with, and what else it may write, to be looked at.
 const COMMAND: &str = "command.";
@@ -69,6 +69,8 @@ pub(crate) struct Foreign<T> {
     pool: Arc<Pool>,
     /// Saving, too, has to speak to it.
     life: RefCell<Life>,
+    /// Inputs that do not change, with their places among all, in order.
+    constants: Vec<(usize, f64)>,
     values: [Vec<f64>; 2],
     numbers: PhantomData<T>,
 }
@@ -90,6 +92,8 @@ pub(crate) struct Request<'a> {
     pub name: &'a str,
     pub plugin: &'a File,
     pub folder: &'a Path,
+    /// Whether a library may be loaded into this process.
+    pub is_trusted: bool,
     pub trial: u64,
     /// The way of its task, where there is one.
     pub way: Option<&'a plan::Path>,
@@ -110,6 +114,7 @@ impl<T: Scalar> Foreign<T> {
         let limits = Limits {
             answer: Duration::from_secs_f64(plugin.time_limit),
             memory: plugin.memory,
+            is_trusted: request.is_trusted,
             ..Limits::default()
         };
         let mut opened = pool.take(&file, &limits)?;
@@ -118,9 +123,12 @@ impl<T: Scalar> Foreign<T> {
         let member = opened.create(&plugin.parameters, &context)?;
         let descriptor = opened.descriptor();
         let prefix = format!("robot.{}.", robot.name);
-        let mut inputs = Vec::new();
-        for port in &descriptor.inputs {
-            inputs.push(request.input(&prefix, &port.name, &port.unit)?);
+        let (mut inputs, mut constants) = (Vec::new(), Vec::new());
+        for (k, port) in descriptor.inputs.iter().enumerate() {
+            match request.constant(&port.name).filter(|_| port.unit == "m") {
+                Some(value) => constants.push((k, value)),
+                None => inputs.push(request.input(&prefix, &port.name, &port.unit)?),
+            }
         }
         let mut outputs = Vec::new();
         for port in &descriptor.outputs {
@@ -150,7 +158,11 @@ impl<T: Scalar> Foreign<T> {
         let hash = opened.hash().to_owned();
         Ok(Foreign {
             name: format!("{prefix}{}", request.name),
-            values: [vec![0.0; inputs.len()], vec![0.0; outputs.len()]],
+            values: [
+                Vec::with_capacity(descriptor.inputs.len()),
+                vec![0.0; outputs.len()],
+            ],
+            constants,
             inputs,
             outputs,
             file,
@@ -248,6 +260,22 @@ impl Request<'_> {
         })
     }
 
+    /// The place of a beacon: `beacon.NAME.x`, or `task.beacon.x` of the one that the task names.
+    fn constant(&self, name: &str) -> Option<f64> {
+        let (place, axis) = name.rsplit_once('.')?;
+        let beacon = match (place, &self.robot.task) {
+            ("task.beacon", Some(Task::Homing { beacon, .. })) => beacon.as_str(),
+            _ => place.strip_prefix("beacon.")?,
+        };
+        let mut beacons = self.scenario.arena.beacon.iter();
+        let [x, y] = beacons.find(|known| known.name == beacon)?.position;
+        match axis {
+            "x" => Some(x),
+            "y" => Some(y),
+            _ => None,
+        }
+    }
+
     fn input(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
         let path = format!("{prefix}{name}");
         let found = self.known.iter().find(|port| port.path == path);
@@ -267,7 +295,10 @@ impl Request<'_> {
                 Err(Fault {
                     field,
                     problem: "must be a signal of the robot".into(),
-                    hint: format!("it has: {}", names.collect::<Vec<_>>().join(", ")),
+                    hint: format!(
+                        "it has: {}; or beacon.NAME.x",
+                        names.collect::<Vec<_>>().join(", ")
+                    ),
                 })
             }
         }
@@ -328,8 +359,10 @@ impl<T: Scalar> Block<T> for Foreign<T> {
             return Ok(());
         }
         let [mut inputs, mut outputs] = std::mem::take(&mut self.values);
-        for (value, number) in inputs.iter_mut().zip(input) {
-            *value = number.lane(0);
+        inputs.clear();
+        inputs.extend(input.iter().map(|number| number.lane(0)));
+        for &(k, value) in &self.constants {
+            inputs.insert(k, value);
         }
         let (t, dt) = (now.t.lane(0), now.dt);
         let stepped = self.with(|plugin, member| plugin.step(member, t, dt, &inputs, &mut outputs));

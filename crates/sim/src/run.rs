@@ -336,7 +336,7 @@ pub(crate) fn assemble<T: Scalar>(
             key,
             values,
             pool: &plans.plugins,
-            known: known_signals(&plant, &sensors),
+            known: known_signals(robot, &plant, &sensors),
             outsides: &mut outsides,
         };
         let (controllers, crew) = deciding.blocks()?;

@@ -1,0 +1,236 @@
+//! A plug-in as a library with a C interface, loaded into this process.
+//!
+//! The interface is that of `sdk/c/appell_plugin.h`.
+
+// A library is foreign code: what it does cannot be checked, only what it returns.
+#![allow(unsafe_code)]
+
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::path::Path;
+
+use libloading::Library;
+use serde_json::Value;
+
+use crate::contract::Fault;
+use crate::wire::{BODY_MAX, Call};
+
+/// Version of the C interface.
+const ABI: u32 = 1;
+
+type Abi = unsafe extern "C" fn() -> u32;
+type Describe = unsafe extern "C" fn() -> *const c_char;
+type Create = unsafe extern "C" fn(*const f64, *const c_char) -> *mut c_void;
+type Destroy = unsafe extern "C" fn(*mut c_void);
+type Step = unsafe extern "C" fn(*mut c_void, f64, f64, *const f64, *mut f64) -> i32;
+type Reason = unsafe extern "C" fn(*mut c_void) -> *const c_char;
+type Save = unsafe extern "C" fn(*mut c_void, *mut u8, usize) -> usize;
+type Restore = unsafe extern "C" fn(*mut c_void, *const u8, usize) -> i32;
+type TakeOver = unsafe extern "C" fn(*mut c_void, *const f64) -> i32;
+
+/// A library and its members.
+#[derive(Debug)]
+pub struct Native {
+    describe: Describe,
+    create: Create,
+    destroy: Destroy,
+    step: Step,
+    reason: Option<Reason>,
+    save: Option<Save>,
+    restore: Option<Restore>,
+    take_over: Option<TakeOver>,
+    /// Few, by their numbers: a search costs less than a map.
+    members: Vec<(u32, Member)>,
+    /// Keeps the functions where they are; dropped last.
+    _library: Library,
+}
+
+/// What the library made.
+#[derive(Clone, Copy, Debug)]
+struct Member(*mut c_void);
+
+// SAFETY: the interface demands that a member may be used by any thread, one at a time, and `Native` is
+// used by one at a time.
+unsafe impl Send for Member {}
+
+impl Native {
+    /// Loads a library.
+    pub(crate) fn open(file: &Path) -> Result<Native, Fault> {
+        // Under a name of its own: a library that was built anew would be taken for the one that is loaded.
+        static COUNT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
+        let count = COUNT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let name = format!("appell-{}-{count}.plugin", std::process::id());
+        let copy = std::env::temp_dir().join(name);
+        let failed = |error: &dyn std::fmt::Display| {
+            Fault::new("start", format!("cannot be loaded: {error}"))
+                .hint("it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h")
+        };
+        std::fs::copy(file, &copy).map_err(|error| failed(&error))?;
+        // SAFETY: its initializers run, as those of any library; who names it trusts it, or lets it run in a
+        // process of its own.
+        let library = unsafe { Library::new(&copy) };
+        let _ = std::fs::remove_file(&copy);
+        let library = library.map_err(|error| failed(&error))?;
+        // SAFETY: the types are those of the header, which the version number stands for.
+        unsafe {
+            let abi = *library
+                .get::<Abi>(b"appell_abi\0")
+                .map_err(|error| failed(&error))?;
+            let version = abi();
+            if version != ABI {
+                let problem =
+                    format!("must be {ABI}, the version of the C interface, got {version}");
+                return Err(Fault::new("describe.abi", problem)
+                    .hint("compile it with the header of this version of Appell"));
+            }
+            Ok(Native {
+                describe: *library
+                    .get(b"appell_describe\0")
+                    .map_err(|error| failed(&error))?,
+                create: *library
+                    .get(b"appell_create\0")
+                    .map_err(|error| failed(&error))?,
+                destroy: *library
+                    .get(b"appell_destroy\0")
+                    .map_err(|error| failed(&error))?,
+                step: *library
+                    .get(b"appell_step\0")
+                    .map_err(|error| failed(&error))?,
+                reason: library.get(b"appell_reason\0").ok().map(|found| *found),
+                save: library.get(b"appell_save\0").ok().map(|found| *found),
+                restore: library.get(b"appell_restore\0").ok().map(|found| *found),
+                take_over: library.get(b"appell_take_over\0").ok().map(|found| *found),
+                members: Vec::new(),
+                _library: library,
+            })
+        }
+    }
+
+    /// What it says of itself.
+    pub(crate) fn describe(&self) -> Result<Value, Fault> {
+        // SAFETY: the interface gives a text that ends with zero, or none.
+        let text = unsafe { text((self.describe)()) };
+        let text = text.ok_or_else(|| Fault::new("describe", "must be a text, got none"))?;
+        serde_json::from_str(&text)
+            .map_err(|error| Fault::new("describe", format!("must be JSON: {error}")))
+    }
+
+    pub(crate) fn create(
+        &mut self,
+        member: u32,
+        parameters: &[(String, f64)],
+        context: &Value,
+    ) -> Result<(), Fault> {
+        let values: Vec<f64> = parameters.iter().map(|(_, value)| *value).collect();
+        let context = CString::new(context.to_string()).expect("JSON has no zero byte");
+        // SAFETY: as many parameters as it described, and a text that ends with zero.
+        let made = unsafe { (self.create)(values.as_ptr(), context.as_ptr()) };
+        if made.is_null() {
+            let reason = self.reason(made).unwrap_or_else(|| "made no member".into());
+            return Err(Fault::new("create", reason));
+        }
+        self.members.push((member, Member(made)));
+        Ok(())
+    }
+
+    pub(crate) fn destroy(&mut self, member: u32) {
+        if let Some(at) = self.members.iter().position(|(known, _)| *known == member) {
+            let (_, Member(made)) = self.members.swap_remove(at);
+            // SAFETY: made by `create`, and no longer known.
+            unsafe { (self.destroy)(made) };
+        }
+    }
+
+    /// Steps one member; its outputs are written to `results`, which is as long as they are.
+    #[inline]
+    pub(crate) fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String> {
+        let made = self.member(call.member)?;
+        let (input, output) = (call.input.as_ptr(), results.as_mut_ptr());
+        // SAFETY: as many inputs and outputs as it described.
+        match unsafe { (self.step)(made, call.t, call.dt, input, output) } {
+            0 => Ok(()),
+            code => Err(self.reason(made).unwrap_or_else(|| format!("gave {code}"))),
+        }
+    }
+
+    /// What a member remembers; nothing where the library has no function for it.
+    pub(crate) fn save(&mut self, member: u32) -> Result<Vec<u8>, String> {
+        let made = self.member(member)?;
+        let Some(save) = self.save else {
+            return Ok(Vec::new());
+        };
+        // SAFETY: without room it only tells the length, then it writes no more than there is room.
+        unsafe {
+            let length = save(made, std::ptr::null_mut(), 0);
+            if length > BODY_MAX {
+                return Err(format!("remembers {length} bytes, more than {BODY_MAX}"));
+            }
+            let mut bytes = vec![0; length];
+            if save(made, bytes.as_mut_ptr(), length) != length {
+                return Err("remembers more than it said".into());
+            }
+            Ok(bytes)
+        }
+    }
+
+    pub(crate) fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), String> {
+        let made = self.member(member)?;
+        let Some(restore) = self.restore else {
+            return match bytes.is_empty() {
+                true => Ok(()),
+                false => Err("has no memory to restore".into()),
+            };
+        };
+        // SAFETY: a pointer to as many bytes.
+        match unsafe { restore(made, bytes.as_ptr(), bytes.len()) } {
+            0 => Ok(()),
+            code => Err(self.reason(made).unwrap_or_else(|| format!("gave {code}"))),
+        }
+    }
+
+    pub(crate) fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), String> {
+        let made = self.member(member)?;
+        let Some(take_over) = self.take_over else {
+            return Ok(());
+        };
+        // SAFETY: as many values as it has outputs.
+        match unsafe { take_over(made, outputs.as_ptr()) } {
+            0 => Ok(()),
+            code => Err(self.reason(made).unwrap_or_else(|| format!("gave {code}"))),
+        }
+    }
+
+    fn member(&self, member: u32) -> Result<*mut c_void, String> {
+        let known = self.members.iter().find(|(known, _)| *known == member);
+        known
+            .map(|(_, member)| member.0)
+            .ok_or_else(|| format!("has no member {member}"))
+    }
+
+    /// Why the last call failed, in its own words.
+    fn reason(&self, made: *mut c_void) -> Option<String> {
+        // SAFETY: the interface gives a text that ends with zero, or none, and takes no member for none.
+        self.reason.and_then(|reason| unsafe { text(reason(made)) })
+    }
+}
+
+impl Drop for Native {
+    fn drop(&mut self) {
+        let members: Vec<u32> = self.members.iter().map(|(member, _)| *member).collect();
+        for member in members {
+            self.destroy(member);
+        }
+    }
+}
+
+/// Copies a text.
+///
+/// # Safety
+/// The pointer is none, or to bytes that end with zero.
+unsafe fn text(pointer: *const c_char) -> Option<String> {
+    if pointer.is_null() {
+        return None;
+    }
+    // SAFETY: as demanded above.
+    let bytes = unsafe { CStr::from_ptr(pointer) };
+    Some(bytes.to_string_lossy().into_owned())
+}

@@ -1,0 +1,155 @@
+//! The other side of a process: a library that answers messages.
+
+use std::path::Path;
+
+use crate::contract::Fault;
+
+/// Loads a library and answers for it, on the socket that the standard input is, until that ends.
+///
+/// # Errors
+/// The standard input is no socket, or cannot be spoken to.
+#[cfg(unix)]
+pub fn serve(file: &Path) -> std::io::Result<()> {
+    use std::io::{Read, Write};
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixStream;
+
+    use crate::wire::{self, kind};
+
+    let mut stream = UnixStream::from(std::io::stdin().as_fd().try_clone_to_owned()?);
+    let mut server = Server::open(file);
+    let (mut body, mut answer) = (Vec::new(), Vec::new());
+    while let Some((length, kind)) = wire::read_head(&mut stream)? {
+        body.resize(length, 0);
+        stream.read_exact(&mut body)?;
+        wire::open(&mut answer, kind + kind::ANSWER);
+        let answered = match &mut server {
+            Ok(server) => server.answer(kind, &body, &mut answer),
+            Err(fault) => Err(fault.to_string()),
+        };
+        if let Err(problem) = answered {
+            wire::open(&mut answer, kind::REFUSED);
+            answer.extend_from_slice(problem.as_bytes());
+        }
+        wire::close(&mut answer);
+        stream.write_all(&answer)?;
+    }
+    Ok(())
+}
+
+/// Says that it cannot.
+///
+/// # Errors
+/// Always.
+#[cfg(not(unix))]
+pub fn serve(_file: &Path) -> std::io::Result<()> {
+    Err(std::io::ErrorKind::Unsupported.into())
+}
+
+#[cfg(unix)]
+struct Server {
+    native: crate::native::Native,
+    described: serde_json::Value,
+    /// Names of the parameters, and numbers of inputs and outputs.
+    parameters: Vec<String>,
+    widths: [usize; 2],
+    values: [Vec<f64>; 2],
+}
+
+#[cfg(unix)]
+impl Server {
+    fn open(file: &Path) -> Result<Server, Fault> {
+        let native = crate::native::Native::open(file)?;
+        let described = native.describe()?;
+        let descriptor = crate::Descriptor::read(described.clone())?;
+        Ok(Server {
+            native,
+            described,
+            parameters: descriptor.parameters.into_iter().map(|p| p.name).collect(),
+            widths: [descriptor.inputs.len(), descriptor.outputs.len()],
+            values: [Vec::new(), Vec::new()],
+        })
+    }
+
+    /// Writes the body of an answer.
+    fn answer(&mut self, kind: u32, body: &[u8], answer: &mut Vec<u8>) -> Result<(), String> {
+        use crate::wire::kind;
+
+        let member = || {
+            let bytes = body.first_chunk().ok_or("a request is too short")?;
+            Ok::<u32, String>(u32::from_le_bytes(*bytes))
+        };
+        match kind {
+            kind::DESCRIBE => answer.extend_from_slice(self.described.to_string().as_bytes()),
+            kind::CREATE => {
+                let request: serde_json::Value =
+                    serde_json::from_slice(body).map_err(|error| error.to_string())?;
+                let value = |name: &String| {
+                    let value = request["parameters"][name].as_f64();
+                    (name.clone(), value.unwrap_or(f64::NAN))
+                };
+                let parameters: Vec<(String, f64)> = self.parameters.iter().map(value).collect();
+                let member = request["member"].as_u64().unwrap_or_default() as u32;
+                self.native
+                    .create(member, &parameters, &request["context"])
+                    .map_err(|fault| fault.problem)?;
+            }
+            kind::STEP => self.step(body, answer)?,
+            kind::DESTROY => self.native.destroy(member()?),
+            kind::SAVE => answer.extend(self.native.save(member()?)?),
+            kind::RESTORE => self.native.restore(member()?, &body[4..])?,
+            kind::TAKE_OVER => {
+                let member = member()?;
+                let outputs = numbers(body.get(8..).unwrap_or_default());
+                self.native.take_over(member, &outputs)?;
+            }
+            _ => return Err(format!("requests of kind {kind} are unknown")),
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, body: &[u8], answer: &mut Vec<u8>) -> Result<(), String> {
+        let [inputs, outputs] = self.widths;
+        let [input, output] = &mut self.values;
+        let (_, calls) = body
+            .split_first_chunk::<4>()
+            .ok_or("a request is too short")?;
+        for call in calls.chunks_exact(24 + 8 * inputs) {
+            let member = u32::from_le_bytes([call[0], call[1], call[2], call[3]]);
+            input.clear();
+            input.extend(each(&call[8..]));
+            output.clear();
+            output.resize(outputs, f64::NAN);
+            let step = crate::wire::Call {
+                member,
+                t: input[0],
+                dt: input[1],
+                input: &input[2..],
+            };
+            match self.native.step(&step, output) {
+                Ok(()) => {
+                    answer.extend_from_slice(&[0; 8]);
+                    let bytes = output.iter().flat_map(|value| value.to_le_bytes());
+                    answer.extend(bytes);
+                }
+                Err(problem) => {
+                    answer.extend_from_slice(&1_u32.to_le_bytes());
+                    answer.extend_from_slice(&(problem.len() as u32).to_le_bytes());
+                    answer.extend_from_slice(problem.as_bytes());
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(unix)]
+fn each(bytes: &[u8]) -> impl Iterator<Item = f64> {
+    let chunks = bytes.as_chunks::<8>().0.iter();
+    chunks.map(|bytes| f64::from_le_bytes(*bytes))
+}
+
+#[cfg(unix)]
+fn numbers(bytes: &[u8]) -> Vec<f64> {
+    each(bytes).collect()
+}
