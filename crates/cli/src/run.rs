@@ -217,6 +217,14 @@ fn execute(
     for file in plugins(&loaded.scenario) {
         let from = loaded.folder.join(file);
         let to = folder.join(file);
+        // Run from its own folder a scenario has them where they belong.
+        if let (Ok(from), Ok(to)) = (from.canonicalize(), to.canonicalize())
+            && from == to
+        {
+            continue;
+        }
+        // A file of an earlier run may be one that cannot be written.
+        let _ = std::fs::remove_file(&to);
         let copied = std::fs::create_dir_all(to.parent().unwrap_or(folder))
             .and_then(|()| std::fs::copy(&from, &to));
         copied.map_err(|error| Failure {

@@ -6,7 +6,7 @@ from appell_plugin import controller
 
 
 @controller(
-    # What it reads: signals of the robot, as `appell run` and `appell plot` list them, with their units.
+    # What it reads: signals of the robot's motion and sensors, with their units.
     inputs={"pose.x": "m", "pose.y": "m", "pose.yaw": "rad"},
     # What it writes, and within which limits: more is a fault.
     outputs={
@@ -26,7 +26,10 @@ def homing(now, inputs, parameters, memory):
     left = math.hypot(dx, dy) - 0.9 * task["distance"]
     bearing = math.remainder(math.atan2(dy, dx) - inputs["pose.yaw"], math.tau)
 
-    # `memory` lasts from step to step. Speed up gently; brake so as to stop in time.
+    # `memory` lasts from step to step. One that takes over from another begins at its speed.
+    if now.before is not None:
+        memory["speed"] = now.before["command.forward"]
+    # Speed up gently; brake so as to stop in time.
     wanted = 0.0
     if abs(bearing) < 0.5 and left > 0.0:
         wanted = min(parameters["speed"], math.sqrt(2.0 * 0.3 * left))

@@ -21,13 +21,13 @@ pub struct Finding {
 /// Period of the tests' steps, s.
 const PERIOD: f64 = 0.01;
 
-/// Tests the plug-in of a file over this many steps.
+/// Tests the plug-in of a file over this many steps, two at least.
 ///
 /// # Errors
 /// It cannot be started, so that nothing can be tested.
 pub fn conformance(file: &Path, limits: &Limits, steps: usize) -> Result<Vec<Finding>, Fault> {
     let mut plugin = Plugin::open(file, limits.clone())?;
-    let inputs = inputs(plugin.descriptor().inputs.len(), steps);
+    let inputs = inputs(plugin.descriptor().inputs.len(), steps.max(2));
     let context = context();
     let mut findings = Vec::new();
     let mut find = |rule, result: Result<String, Fault>| {

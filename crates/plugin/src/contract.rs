@@ -9,6 +9,8 @@ use crate::wire::PROTOCOL;
 
 /// Most ports, and most parameters, of a plug-in.
 const PORTS_MAX: usize = 1024;
+/// Longest text on what is wrong, characters.
+const PROBLEM_MAX: usize = 600;
 /// Longest name of anything, bytes.
 const NAME_MAX: usize = 200;
 
@@ -25,10 +27,17 @@ pub struct Fault {
 }
 
 impl Fault {
+    /// What comes from outside is cut to a length that fits a line or two, and a terminal.
     pub(crate) fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
+        let problem: String = problem.into();
+        let plain = |c: char| if c.is_control() { ' ' } else { c };
+        let mut short: String = problem.chars().take(PROBLEM_MAX).map(plain).collect();
+        if short.len() < problem.len() {
+            short.push('…');
+        }
         Fault {
             field: field.into(),
-            problem: problem.into(),
+            problem: short,
             hint: String::new(),
         }
     }

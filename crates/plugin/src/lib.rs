@@ -29,6 +29,9 @@ pub use serve::serve;
 use native::Native;
 use process::{Kind, Process};
 
+/// Largest file of a plug-in, bytes.
+const FILE_MAX: u64 = 1 << 28;
+
 /// A plug-in that runs.
 #[derive(Debug)]
 pub struct Plugin {
@@ -53,10 +56,16 @@ impl Plugin {
     /// # Errors
     /// The file cannot be read or started, or what it says of itself is refused.
     pub fn open(file: &Path, limits: Limits) -> Result<Plugin, Fault> {
-        let bytes = std::fs::read(file)
-            .map_err(|error| Fault::new("file", format!("cannot be read: {error}")))?;
+        let unreadable = |error| Fault::new("file", format!("cannot be read: {error}"));
+        let about = std::fs::metadata(file).map_err(unreadable)?;
+        // A pipe or a device would be read for ever.
+        if !about.is_file() || about.len() > FILE_MAX {
+            let problem = format!("must be a regular file of at most {FILE_MAX} bytes");
+            return Err(Fault::new("file", problem));
+        }
+        let bytes = std::fs::read(file).map_err(unreadable)?;
         let (host, described) = if limits.is_trusted && Kind::of(file) == Kind::Library {
-            let native = Native::open(file)?;
+            let native = Native::open_copy(file)?;
             let described = native.describe()?;
             (Host::Native(native), described)
         } else {

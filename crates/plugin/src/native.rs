@@ -6,7 +6,9 @@
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, CString, c_char, c_void};
+use std::fs::File;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use libloading::Library;
 use serde_json::Value;
@@ -53,23 +55,35 @@ struct Member(*mut c_void);
 unsafe impl Send for Member {}
 
 impl Native {
-    /// Loads a library.
+    /// Loads a library under its own name, as one process does once.
     pub(crate) fn open(file: &Path) -> Result<Native, Fault> {
-        // Under a name of its own: a library that was built anew would be taken for the one that is loaded.
-        static COUNT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
-        let count = COUNT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        Native::load(file)
+    }
+
+    /// Loads a copy of a library: one that was built anew would be taken for the one that is loaded.
+    pub(crate) fn open_copy(file: &Path) -> Result<Native, Fault> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let name = format!("appell-{}-{count}.plugin", std::process::id());
         let copy = std::env::temp_dir().join(name);
-        let failed = |error: &dyn std::fmt::Display| {
-            Fault::new("start", format!("cannot be loaded: {error}"))
-                .hint("it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h")
+        let _ = std::fs::remove_file(&copy);
+        // Never into a file, or behind a link, that somebody else put there.
+        let copied = File::open(file).and_then(|mut from| {
+            let mut to = File::options().write(true).create_new(true).open(&copy)?;
+            std::io::copy(&mut from, &mut to)
+        });
+        let native = match copied {
+            Ok(_) => Native::load(&copy),
+            Err(error) => Err(failed(&error)),
         };
-        std::fs::copy(file, &copy).map_err(|error| failed(&error))?;
+        let _ = std::fs::remove_file(&copy);
+        native
+    }
+
+    fn load(file: &Path) -> Result<Native, Fault> {
         // SAFETY: its initializers run, as those of any library; who names it trusts it, or lets it run in a
         // process of its own.
-        let library = unsafe { Library::new(&copy) };
-        let _ = std::fs::remove_file(&copy);
-        let library = library.map_err(|error| failed(&error))?;
+        let library = unsafe { Library::new(file) }.map_err(|error| failed(&error))?;
         // SAFETY: the types are those of the header, which the version number stands for.
         unsafe {
             let abi = *library
@@ -220,6 +234,12 @@ impl Drop for Native {
             self.destroy(member);
         }
     }
+}
+
+fn failed(error: &dyn std::fmt::Display) -> Fault {
+    Fault::new("start", format!("cannot be loaded: {error}")).hint(
+        "it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h",
+    )
 }
 
 /// Copies a text.

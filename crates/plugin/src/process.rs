@@ -45,6 +45,8 @@ pub struct Process {
     message: Vec<u8>,
     body: Vec<u8>,
     kind: Kind,
+    /// Of the last request.
+    number: u16,
 }
 
 /// What a file is, by its name.
@@ -100,6 +102,15 @@ impl Process {
         let path = std::path::absolute(file)
             .map_err(|error| Fault::new("file", format!("cannot be found: {error}")))?;
         let kind = Kind::of(file);
+        #[cfg(unix)]
+        if kind == Kind::Program {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = std::fs::metadata(&path).map(|about| about.permissions().mode());
+            if mode.is_ok_and(|mode| mode & 0o111 == 0) {
+                return Err(Fault::new("start", "must be a program that may be executed")
+                    .hint("chmod +x makes it one; names of Python files end in .py, of libraries in .so"));
+            }
+        }
         let mut words = match kind {
             Kind::Python => {
                 let python = std::env::var_os("APPELL_PYTHON").unwrap_or_else(|| "python3".into());
@@ -133,7 +144,8 @@ impl Process {
         };
         let mut command = Command::new("/bin/sh");
         command
-            .args(["-c", "ulimit -v \"$0\" && exec \"$@\""])
+            // Where the system allows less than is asked for, its own limit stands.
+            .args(["-c", "ulimit -Sv \"$0\" 2>/dev/null; exec \"$@\""])
             .arg((limits.memory << 10).to_string())
             .args(words)
             // Sets and dictionaries in the same order each time, and no traces beside the file.
@@ -159,6 +171,7 @@ impl Process {
             message: Vec::new(),
             body: Vec::new(),
             kind,
+            number: 0,
         })
     }
 
@@ -169,7 +182,7 @@ impl Process {
         self.put_json(&request);
         let hint = match self.kind {
             Kind::Python => {
-                "Python plug-ins need the module: pip install ./sdk/python, in the Python that APPELL_PYTHON names, or python3"
+                "see what Python says above; if it lacks the module: pip install ./sdk/python, in the Python that APPELL_PYTHON names, or python3"
             }
             Kind::Library => {
                 "it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h"
@@ -240,7 +253,7 @@ impl Process {
     }
 
     /// A request about one member.
-    fn about(&mut self, kind: u32, field: &str, member: u32, rest: &[u8]) -> Result<(), Fault> {
+    fn about(&mut self, kind: u16, field: &str, member: u32, rest: &[u8]) -> Result<(), Fault> {
         self.open(kind);
         self.message.extend_from_slice(&member.to_le_bytes());
         self.message.extend_from_slice(rest);
@@ -256,8 +269,10 @@ impl Process {
         false
     }
 
-    fn open(&mut self, kind: u32) {
-        wire::open(&mut self.message, kind);
+    fn open(&mut self, kind: u16) {
+        self.number = self.number.wrapping_add(1);
+        let number = self.number;
+        wire::open(&mut self.message, wire::Tag { kind, number });
     }
 
     fn put_json(&mut self, value: &Value) {
@@ -265,7 +280,7 @@ impl Process {
     }
 
     /// Sends the message and takes the answer into the body.
-    fn exchange(&mut self, kind: u32, limit: Duration) -> Result<(), Break> {
+    fn exchange(&mut self, kind: u16, limit: Duration) -> Result<(), Break> {
         wire::close(&mut self.message);
         let answered = self.converse(kind, limit);
         let problem = match answered {
@@ -300,12 +315,12 @@ impl Process {
     }
 
     #[cfg(not(unix))]
-    fn converse(&mut self, _: u32, _: Duration) -> Result<(), Break> {
+    fn converse(&mut self, _: u16, _: Duration) -> Result<(), Break> {
         Err(Break::Lost("it was never started".into()))
     }
 
     #[cfg(unix)]
-    fn converse(&mut self, kind: u32, limit: Duration) -> Result<(), Break> {
+    fn converse(&mut self, kind: u16, limit: Duration) -> Result<(), Break> {
         let Some(stream) = &self.stream else {
             return Err(Break::Lost("it failed before".into()));
         };
@@ -325,9 +340,11 @@ impl Process {
         let Some((length, answer)) = head else {
             return Err(Break::Ended);
         };
-        if answer != kind + wire::kind::ANSWER && answer != wire::kind::REFUSED {
+        let is_answer = [kind + wire::kind::ANSWER, wire::kind::REFUSED].contains(&answer.kind);
+        if !is_answer || answer.number != self.number {
             return Err(Break::Lost(format!(
-                "answered with something else than a message: kind {answer}, {length} bytes. What it prints must not go to its standard output"
+                "answered with something else than an answer: kind {}, {length} bytes. What it prints must not go to its standard output",
+                answer.kind
             )));
         }
         if length > wire::BODY_MAX {
@@ -338,7 +355,7 @@ impl Process {
         }
         self.body.resize(length, 0);
         timed.read_exact(&mut self.body).map_err(lost)?;
-        if answer == wire::kind::REFUSED {
+        if answer.kind == wire::kind::REFUSED {
             let text = String::from_utf8_lossy(&self.body).into_owned();
             return Err(Break::Refused(text));
         }

@@ -19,16 +19,18 @@ pub fn serve(file: &Path) -> std::io::Result<()> {
     let mut stream = UnixStream::from(std::io::stdin().as_fd().try_clone_to_owned()?);
     let mut server = Server::open(file);
     let (mut body, mut answer) = (Vec::new(), Vec::new());
-    while let Some((length, kind)) = wire::read_head(&mut stream)? {
+    while let Some((length, request)) = wire::read_head(&mut stream)? {
         body.resize(length, 0);
         stream.read_exact(&mut body)?;
-        wire::open(&mut answer, kind + kind::ANSWER);
+        let answered_as = |kind: u16| wire::Tag { kind, ..request };
+        let kind = request.kind;
+        wire::open(&mut answer, answered_as(kind.wrapping_add(kind::ANSWER)));
         let answered = match &mut server {
             Ok(server) => server.answer(kind, &body, &mut answer),
             Err(fault) => Err(fault.to_string()),
         };
         if let Err(problem) = answered {
-            wire::open(&mut answer, kind::REFUSED);
+            wire::open(&mut answer, answered_as(kind::REFUSED));
             answer.extend_from_slice(problem.as_bytes());
         }
         wire::close(&mut answer);
@@ -72,7 +74,7 @@ impl Server {
     }
 
     /// Writes the body of an answer.
-    fn answer(&mut self, kind: u32, body: &[u8], answer: &mut Vec<u8>) -> Result<(), String> {
+    fn answer(&mut self, kind: u16, body: &[u8], answer: &mut Vec<u8>) -> Result<(), String> {
         use crate::wire::kind;
 
         let member = || {
@@ -101,6 +103,9 @@ impl Server {
             kind::TAKE_OVER => {
                 let member = member()?;
                 let outputs = numbers(body.get(8..).unwrap_or_default());
+                if outputs.len() != self.widths[1] {
+                    return Err("a request is too short".into());
+                }
                 self.native.take_over(member, &outputs)?;
             }
             _ => return Err(format!("requests of kind {kind} are unknown")),
@@ -114,7 +119,11 @@ impl Server {
         let (_, calls) = body
             .split_first_chunk::<4>()
             .ok_or("a request is too short")?;
-        for call in calls.chunks_exact(24 + 8 * inputs) {
+        let calls = calls.chunks_exact(24 + 8 * inputs);
+        if !calls.remainder().is_empty() {
+            return Err("a request is too short".into());
+        }
+        for call in calls {
             let member = u32::from_le_bytes([call[0], call[1], call[2], call[3]]);
             input.clear();
             input.extend(each(&call[8..]));

@@ -1,8 +1,9 @@
 //! The messages between Appell and a plug-in in another process, version 1.
 //!
 //! Over a pipe goes one request at a time, and for each one answer. A message is a head of eight bytes, the
-//! length of the body as `u32` and the kind as `u32`, and the body. Whole numbers and `f64` are
-//! little-endian; texts are UTF-8; what is marked JSON is one object.
+//! length of the body as `u32`, the kind as `u16` and the number of the request as `u16`, which its answer
+//! repeats; and the body. Whole numbers and `f64` are little-endian; texts are UTF-8; what is marked JSON is
+//! one object.
 //!
 //! | kind | request | body | answer |
 //! | --- | --- | --- | --- |
@@ -28,23 +29,23 @@ pub const BODY_MAX: usize = 1 << 24;
 /// Kinds of requests.
 pub mod kind {
     /// What are you?
-    pub const DESCRIBE: u32 = 1;
+    pub const DESCRIBE: u16 = 1;
     /// Make a member.
-    pub const CREATE: u32 = 2;
+    pub const CREATE: u16 = 2;
     /// Make a step.
-    pub const STEP: u32 = 3;
+    pub const STEP: u16 = 3;
     /// End a member.
-    pub const DESTROY: u32 = 4;
+    pub const DESTROY: u16 = 4;
     /// What does a member remember?
-    pub const SAVE: u32 = 5;
+    pub const SAVE: u16 = 5;
     /// Remember this.
-    pub const RESTORE: u32 = 6;
+    pub const RESTORE: u16 = 6;
     /// Take over from another.
-    pub const TAKE_OVER: u32 = 7;
+    pub const TAKE_OVER: u16 = 7;
     /// What an answer's kind is more than its request's.
-    pub const ANSWER: u32 = 100;
+    pub const ANSWER: u16 = 100;
     /// The answer that it cannot be done.
-    pub const REFUSED: u32 = 200;
+    pub const REFUSED: u16 = 200;
 }
 
 /// One member's part of a step.
@@ -60,11 +61,21 @@ pub struct Call<'a> {
     pub input: &'a [f64],
 }
 
+/// What a message is: its kind, and the number of its request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tag {
+    /// Kind.
+    pub kind: u16,
+    /// Number.
+    pub number: u16,
+}
+
 /// Begins a message in `bytes`, whose body is written behind; [`close`] ends it.
-pub fn open(bytes: &mut Vec<u8>, kind: u32) {
+pub fn open(bytes: &mut Vec<u8>, tag: Tag) {
     bytes.clear();
     bytes.extend_from_slice(&[0; 4]);
-    bytes.extend_from_slice(&kind.to_le_bytes());
+    bytes.extend_from_slice(&tag.kind.to_le_bytes());
+    bytes.extend_from_slice(&tag.number.to_le_bytes());
 }
 
 /// Writes the length of the body into the head.
@@ -76,13 +87,14 @@ pub fn close(bytes: &mut [u8]) {
 /// Length of a head, bytes.
 pub const HEAD: usize = 8;
 
-/// Length of the body and kind.
-pub fn head(bytes: [u8; HEAD]) -> (usize, u32) {
+/// Length of the body, and what the message is.
+pub fn head(bytes: [u8; HEAD]) -> (usize, Tag) {
     let [a, b, c, d, e, f, g, h] = bytes;
-    (
-        u32::from_le_bytes([a, b, c, d]) as usize,
-        u32::from_le_bytes([e, f, g, h]),
-    )
+    let tag = Tag {
+        kind: u16::from_le_bytes([e, f]),
+        number: u16::from_le_bytes([g, h]),
+    };
+    (u32::from_le_bytes([a, b, c, d]) as usize, tag)
 }
 
 /// Writes the body of a step.
@@ -138,7 +150,7 @@ pub fn take_step(
 ///
 /// # Errors
 /// The stream breaks off within it, or cannot be read.
-pub fn read_head(read: &mut dyn io::Read) -> io::Result<Option<(usize, u32)>> {
+pub fn read_head(read: &mut dyn io::Read) -> io::Result<Option<(usize, Tag)>> {
     let mut bytes = [0; HEAD];
     let mut got = 0;
     while got < HEAD {

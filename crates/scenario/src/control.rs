@@ -309,8 +309,8 @@ pub struct Swap {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plugin {
-    /// File, relative to the scenario file: a Python file (`.py`), or a program that speaks Appell's
-    /// messages.
+    /// File, relative to the scenario file: a Python file (`.py`), a library with the C interface (`.so`,
+    /// `.dylib`, `.dll`), or a program that speaks Appell's messages.
     pub file: String,
     /// Period, s.
     #[serde(default = "defaults::control_period")]

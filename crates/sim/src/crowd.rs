@@ -14,7 +14,7 @@ use crate::layout::Assignment;
 use crate::meter::Meter;
 use crate::plan::Path;
 use crate::record::{Event, Header, RecordError, Recorder};
-use crate::run::{Account, Outcome, Plans, RobotSummary, Summary, assemble, hash, refuse};
+use crate::run::{Account, Outcome, Plans, RobotSummary, Summary, assemble, fingerprint, refuse};
 use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Robot, Scenario, Template};
 use crate::signal::Signal;
 use crate::world::{Listener, Parts, SimError, World};
@@ -172,7 +172,7 @@ impl Crowd {
         let header = Header {
             scenario: scenario.name.clone(),
             scenario_text: loaded.resolved.clone(),
-            hash: hash(&loaded.resolved),
+            hash: fingerprint(loaded),
             seed: scenario.seed,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             step,

@@ -1,5 +1,6 @@
 //! What decides for a robot: its controllers, those that stand by, the servo and the noise on commands.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use appell_model::platform::Platform;
@@ -84,9 +85,27 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             let with = if crew.len() == 1 { everyone } else { twisted };
             blocks.push((Box::new(servo), last, with));
         }
+        if crew.len() > 1 {
+            last = last.min(of_all);
+        }
         if !robot.wheel_noise.is_empty() {
             let noise = wheel_noise(self.loaded, robot, self.platform, self.key, self.values)?;
             blocks.push((noise, last, everyone));
+        }
+        let mut units: BTreeMap<&str, &str> = BTreeMap::new();
+        for port in blocks.iter().flat_map(|(block, ..)| block.outputs()) {
+            let unit = units.entry(&port.path).or_insert(&port.unit);
+            if *unit != port.unit {
+                return Err(refuse(
+                    self.loaded,
+                    format!("robot.{}.standby", robot.name),
+                    format!(
+                        "must agree on the units of signals that several write, got {} in {unit} and in {}",
+                        port.path, port.unit
+                    ),
+                    "name one of the signals otherwise".into(),
+                ));
+            }
         }
         let step = self.loaded.scenario.time.step;
         let controlled = blocks.into_iter().map(|(block, period, with)| Controlled {
@@ -118,10 +137,10 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             }
             Controller::Signals { channel, .. } => self.signals(&base, channel),
             Controller::Plugin(plugin) => {
-                let commands: Vec<(String, Port)> = self
-                    .platform
-                    .wheels()
-                    .iter()
+                // The servo steers; wheels that steer are not commanded one by one.
+                let steers = !self.platform.layout().steered.is_empty();
+                let wheels = self.platform.wheels().iter().filter(|_| !steers);
+                let commands: Vec<(String, Port)> = wheels
                     .filter_map(|wheel| {
                         let (field, _) = command_signal(&wheel.drive)?;
                         let name = format!("wheel.{}.{field}", wheel.name);
@@ -211,7 +230,7 @@ pub(crate) fn known_signals<T: Scalar>(
         return Vec::new();
     }
     let sensed = sensors.iter().flat_map(|(sensor, _)| sensor.outputs());
-    plant.outputs().iter().chain(sensed).cloned().collect()
+    plant.motion_ports().iter().chain(sensed).cloned().collect()
 }
 
 fn channel_port<T: Scalar>(

@@ -16,7 +16,7 @@ use crate::build::Values;
 use crate::judge::Verdict;
 use crate::record::{Event, RecordError};
 use crate::run::{Plans, assemble};
-use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides};
+use crate::scenario::{self, Controller, Diagnostic, Diagnostics, Loaded, Overrides};
 use crate::signal::Signal;
 use crate::world::{Listener, Parts, World};
 
@@ -71,6 +71,17 @@ impl BatchEnv {
         settings: &Settings,
     ) -> Result<BatchEnv, Diagnostics> {
         let loaded = scenario::load(file, overrides)?;
+        for robot in &loaded.scenario.robot {
+            let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
+            if !robot.standby.is_empty() || robot.controllers().any(is_plugin) {
+                return Err(crate::run::refuse(
+                    &loaded,
+                    format!("robot.{}.controller", robot.name),
+                    "must be built in, with none that stands by, where episodes repeat".into(),
+                    "command it from outside, by channels of kind \"external\"".into(),
+                ));
+            }
+        }
         let assembly = assemble::<f64>(&loaded, 0, &Plans::default(), &Values::new(&[]))?;
         let actions = assembly.outsides;
         // Not every model runs in lanes: an adaptive step is as long as one trial alone lets it be.

@@ -13,11 +13,16 @@ use serde_json::{Value, json};
 
 use crate::block::{Block, BlockError, Now, Port, Recovery};
 use crate::plan;
-use crate::scenario::{OnFailure, Plugin as File, Robot, Scenario, Task};
+use crate::scenario::{Controller, OnFailure, Plugin as File, Robot, Scenario, Task};
 
 /// What the commands of a plug-in begin with, and what else it may write, to be looked at.
 const COMMAND: &str = "command.";
 const OWN: &str = "controller.";
+
+/// How a saved plug-in was.
+const FAILED: u8 = 0;
+const RUNNING: u8 = 1;
+const UNKNOWN: u8 = 2;
 
 /// Plug-ins that run and wait for work: the trials of a batch take turns with them.
 #[derive(Default)]
@@ -103,6 +108,20 @@ pub(crate) struct Request<'a> {
     pub commands: &'a [(String, Port)],
 }
 
+/// Files of plug-ins with their SHA-256, a line each: what a scenario's text does not say of them.
+pub(crate) fn digests(scenario: &Scenario, folder: &Path) -> String {
+    let controllers = scenario.robot.iter().flat_map(Robot::controllers);
+    let files = controllers.filter_map(|(_, controller)| match controller {
+        Controller::Plugin(plugin) => Some(plugin.file.as_str()),
+        _ => None,
+    });
+    let line = |file: &str| {
+        let bytes = std::fs::read(folder.join(file)).unwrap_or_default();
+        format!("\n# {file} {}", appell_plugin::digest(&bytes))
+    };
+    files.map(line).collect()
+}
+
 impl<T: Scalar> Foreign<T> {
     /// Starts a plug-in, asks it what it is, and joins its ports to the robot's signals.
     ///
@@ -125,8 +144,11 @@ impl<T: Scalar> Foreign<T> {
         let prefix = format!("robot.{}.", robot.name);
         let (mut inputs, mut constants) = (Vec::new(), Vec::new());
         for (k, port) in descriptor.inputs.iter().enumerate() {
-            match request.constant(&port.name).filter(|_| port.unit == "m") {
-                Some(value) => constants.push((k, value)),
+            match request.constant(&port.name) {
+                Some(value) => {
+                    request.in_unit(&port.name, "m", &port.unit)?;
+                    constants.push((k, value));
+                }
                 None => inputs.push(request.input(&prefix, &port.name, &port.unit)?),
             }
         }
@@ -140,7 +162,8 @@ impl<T: Scalar> Foreign<T> {
                 .iter()
                 .any(|o| o.name.starts_with(begins))
         };
-        if writes(COMMAND) == writes("wheel.") {
+        let (twist, wheels) = (writes(COMMAND), writes("wheel."));
+        if twist && wheels || !(twist || wheels || writes("brake")) {
             return Err(Fault {
                 field: "outputs".into(),
                 problem: "must command either the twist or the wheels".into(),
@@ -276,17 +299,27 @@ impl Request<'_> {
         }
     }
 
+    /// Refuses an input in another unit than it has.
+    fn in_unit(&self, name: &str, has: &str, unit: &str) -> Result<(), Fault> {
+        if has == unit {
+            return Ok(());
+        }
+        Err(Fault {
+            field: format!("inputs.{name}"),
+            problem: format!("must be in {has}, got {unit:?}"),
+            hint: "name the unit that the signal has; values are in SI units".into(),
+        })
+    }
+
     fn input(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
         let path = format!("{prefix}{name}");
         let found = self.known.iter().find(|port| port.path == path);
         let field = format!("inputs.{name}");
         match found {
-            Some(port) if port.unit == unit => Ok(port.clone()),
-            Some(port) => Err(Fault {
-                field,
-                problem: format!("must be in {}, got {unit:?}", port.unit),
-                hint: "name the unit that the signal has; values are in SI units".into(),
-            }),
+            Some(port) => {
+                self.in_unit(name, &port.unit, unit)?;
+                Ok(port.clone())
+            }
             None => {
                 let names = self
                     .known
@@ -356,6 +389,7 @@ impl<T: Scalar> Block<T> for Foreign<T> {
 
     fn step(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) -> Result<(), BlockError> {
         if let Life::Failed = self.life.get_mut() {
+            output.fill(T::zero());
             return Ok(());
         }
         let [mut inputs, mut outputs] = std::mem::take(&mut self.values);
@@ -395,28 +429,31 @@ impl<T: Scalar> Block<T> for Foreign<T> {
     }
 
     fn save(&self, bytes: &mut Vec<u8>) {
-        let failed = matches!(*self.life.borrow(), Life::Failed);
-        let memory = match failed {
-            true => None,
-            false => self.with(|plugin, member| plugin.save(member)).ok(),
+        let has_failed = matches!(*self.life.borrow(), Life::Failed);
+        let (state, memory) = match has_failed {
+            true => (FAILED, Vec::new()),
+            false => match self.with(|plugin, member| plugin.save(member)) {
+                Ok(memory) => (RUNNING, memory),
+                Err(_) => (UNKNOWN, Vec::new()),
+            },
         };
-        // Without a memory it stands still from here.
-        bytes.push(u8::from(memory.is_some()));
-        let memory = memory.unwrap_or_default();
+        bytes.push(state);
         bytes.extend_from_slice(&(memory.len() as u64).to_le_bytes());
         bytes.extend_from_slice(&memory);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
-        let (&lives, rest) = bytes.split_first()?;
+        let (&state, rest) = bytes.split_first()?;
         let length = u64::from_le_bytes(*rest.first_chunk()?) as usize;
         let memory = rest.get(8..8usize.checked_add(length)?)?;
         self.release();
-        if lives == 0 {
-            *self.life.get_mut() = Life::Failed;
-        } else {
-            self.with(|plugin, member| plugin.restore(member, memory))
-                .ok()?;
+        match state {
+            FAILED => *self.life.get_mut() = Life::Failed,
+            RUNNING => self
+                .with(|plugin, member| plugin.restore(member, memory))
+                .ok()?,
+            // What could not be saved cannot go on.
+            _ => return None,
         }
         Some(9 + length)
     }

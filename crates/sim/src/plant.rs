@@ -175,6 +175,12 @@ impl<T: Scalar> Plant<T> {
         Ok(plant)
     }
 
+    /// The outputs that are always up to date: pose, twist, wheel angles and rates.
+    pub(crate) fn motion_ports(&self) -> &[Port] {
+        let layout = self.layout();
+        &self.outputs[..6 + 2 * layout.wheels + 2 * layout.swivels.len()]
+    }
+
     fn layout(&self) -> &Layout {
         self.system.platform().layout()
     }

@@ -10,7 +10,7 @@ use crate::build::{self, Values};
 use crate::controller::Track;
 use crate::decide::{Deciding, changes, known_signals};
 use crate::drawing::drawing;
-use crate::foreign::Pool;
+use crate::foreign::{Pool, digests};
 use crate::judge::{Judge, Verdict};
 use crate::layout::{Assignment, Goal, Layout};
 use crate::meter::Meter;
@@ -82,7 +82,7 @@ pub struct Summary {
     pub reason: String,
     /// Name of the scenario.
     pub scenario: String,
-    /// SHA-256 of the resolved scenario.
+    /// SHA-256 of the resolved scenario, and of the plug-ins that it names.
     pub hash: String,
     /// Seed.
     pub seed: u64,
@@ -151,13 +151,18 @@ pub fn hash(text: &str) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// SHA-256 of a resolved scenario, and of the plug-ins that it names.
+pub(crate) fn fingerprint(loaded: &Loaded) -> String {
+    hash(&(loaded.resolved.clone() + &digests(&loaded.scenario, &loaded.folder)))
+}
+
 pub(crate) fn refuse(loaded: &Loaded, path: String, problem: String, hint: String) -> Diagnostics {
     Diagnostics(vec![Diagnostic {
         file: loaded.file.clone(),
         at: None,
         path,
         problem,
-        hint: Some(hint),
+        hint: (!hint.is_empty()).then_some(hint),
     }])
 }
 
@@ -396,7 +401,7 @@ impl Run {
         let header = Header {
             scenario: scenario.name.clone(),
             scenario_text: loaded.resolved.clone(),
-            hash: hash(&loaded.resolved),
+            hash: fingerprint(loaded),
             seed: scenario.seed,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             step: scenario.time.step,

@@ -16,7 +16,7 @@ use crate::judge::Verdict;
 use crate::meter::Meter;
 use crate::run::{Plans, assemble};
 use crate::scenario::{
-    self, Controller, Diagnostic, Diagnostics, Loaded, Overrides, Sensor, Steering,
+    self, Controller, Diagnostic, Diagnostics, FIRST, Loaded, Overrides, Sensor, Steering,
 };
 use crate::world::World;
 
@@ -173,7 +173,10 @@ fn refuse_corners(loaded: &Loaded) -> Result<(), Diagnostics> {
         if let Some((name, _)) = robot.controllers().find(foreign) {
             return Err(refuse(
                 loaded,
-                &format!("robot.{}.{name}", robot.name),
+                &match name {
+                    FIRST => format!("robot.{}.controller", robot.name),
+                    _ => format!("robot.{}.standby.{name}.controller", robot.name),
+                },
                 "must not be a plug-in for derivatives: it takes plain numbers".into(),
                 "use a controller that is built in, or a batch",
             ));

@@ -276,6 +276,21 @@ impl<T: Scalar> Kernel<T> for Servo<T> {
         }
     }
 
+    /// Begins anew, from the angles that are measured.
+    fn take_over(&mut self, input: &[T], _before: &[T]) {
+        let count = self.axles.len();
+        let measured = &input[3 + count..];
+        let (angles, steered) = match self.feedback {
+            Some(_) => measured.split_at(count),
+            None => (&[][..], measured),
+        };
+        self.state[..=2 * count].fill(T::zero());
+        self.state[count..count + angles.len()].copy_from_slice(angles);
+        for k in 0..steered.len() / 2 {
+            self.state[2 * count + 1 + k] = steered[2 * k];
+        }
+    }
+
     fn save(&self, bytes: &mut Vec<u8>) {
         save_numbers(&self.state, bytes);
     }

@@ -638,6 +638,7 @@ impl<T: Scalar> World<T> {
             }
         }
         if !goes_on {
+            self.tell_events(listener)?;
             return Ok(false);
         }
         let ahead = (next - self.tick).min(limit);
@@ -668,12 +669,18 @@ impl<T: Scalar> World<T> {
             }
         }
         self.judge(None);
+        self.tell_events(listener)?;
+        Ok(self.running.iter().any(|&runs| runs))
+    }
+
+    /// Hands events on.
+    fn tell_events(&mut self, listener: &mut dyn Listener<T>) -> Result<(), RecordError> {
         if !self.events.is_empty() {
             for (lane, event) in self.events.drain(..) {
                 listener.event(lane, &event)?;
             }
         }
-        Ok(self.running.iter().any(|&runs| runs))
+        Ok(())
     }
 
     /// Runs the blocks of a stage that are due, in the order of their wiring.
@@ -757,7 +764,9 @@ impl<T: Scalar> World<T> {
             if let Err(error) = slot.block.take_over(&slot.buffer, &before) {
                 told.refused = Some(error.problem);
             }
-            told.hash = slot.block.origin().map(str::to_owned);
+            if let Some(hash) = slot.block.origin() {
+                told.hash = Some(hash.to_owned());
+            }
         }
         let text = match &told.refused {
             Some(problem) => format!(
@@ -1048,13 +1057,14 @@ impl World {
         let mut bytes = self.tick.to_le_bytes().to_vec();
         crate::block::save_numbers(&self.row, &mut bytes);
         bytes.extend(self.crews.iter().map(|crew| crew.active as u8));
+        let told = serde_json::to_vec(&(&self.swapped, &self.failures));
+        save_text(&told.expect("plain data"), &mut bytes);
         for slot in self.slots() {
             slot.block.save(&mut bytes);
         }
         for referee in &self.referees {
             let judge = serde_json::to_vec(&referee.judges[0]).expect("a judge is plain data");
-            bytes.extend_from_slice(&(judge.len() as u64).to_le_bytes());
-            bytes.extend_from_slice(&judge);
+            save_text(&judge, &mut bytes);
         }
         bytes
     }
@@ -1071,7 +1081,13 @@ impl World {
         for crew in &mut self.crews {
             crew.active = usize::from(*bytes.get(at)?);
             at += 1;
+            if crew.active >= crew.names.len().max(1) {
+                return None;
+            }
         }
+        let told = saved_text(bytes.get(at..)?)?;
+        (self.swapped, self.failures) = serde_json::from_slice(told).ok()?;
+        at += 8 + told.len();
         let slots = self
             .sensors
             .iter_mut()
@@ -1081,11 +1097,9 @@ impl World {
             at += slot.block.restore(bytes.get(at..)?)?;
         }
         for referee in &mut self.referees {
-            let size = u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?) as usize;
-            at += 8;
-            referee.judges[0] =
-                serde_json::from_slice(bytes.get(at..at.checked_add(size)?)?).ok()?;
-            at += size;
+            let judge = saved_text(bytes.get(at..)?)?;
+            referee.judges[0] = serde_json::from_slice(judge).ok()?;
+            at += 8 + judge.len();
         }
         self.ticks[0] = tick;
         self.running[0] = true;
@@ -1129,6 +1143,18 @@ impl<T: Scalar> Slot<T> {
             self.buffer[k] = row[index];
         }
     }
+}
+
+/// Appends a text with its length.
+fn save_text(text: &[u8], bytes: &mut Vec<u8>) {
+    bytes.extend_from_slice(&(text.len() as u64).to_le_bytes());
+    bytes.extend_from_slice(text);
+}
+
+/// A text that was saved at the front of these bytes.
+fn saved_text(bytes: &[u8]) -> Option<&[u8]> {
+    let (size, rest) = bytes.split_first_chunk()?;
+    rest.get(..usize::try_from(u64::from_le_bytes(*size)).ok()?)
 }
 
 /// Greatest common divisor.

@@ -37,7 +37,7 @@ task = { kind = "homing", beacon = "dock", distance = 0.45 }
 name = "driven"
 file = "ROBOT"
 pose = [1.0, 3.0, 0.0]
-controller = { kind = "plugin", file = "FILE", period = 0.02, time_limit = 0.3, memory = 160, parameters = { PARAMETERS } }
+controller = { kind = "plugin", file = "FILE", period = 0.02, time_limit = 1.0, memory = 160, parameters = { PARAMETERS } }
 "#;
 
 const ROBOT: &str = concat!(
@@ -85,8 +85,9 @@ fn raw(describe: &str, step: &str) -> String {
         r#"#!/usr/bin/env python3
 import json, os, struct, sys, time
 out = sys.stdout.buffer
+number = 0
 def say(kind, body):
-    out.write(struct.pack("<II", len(body), kind) + body); out.flush()
+    out.write(struct.pack("<IHH", len(body), kind, number) + body); out.flush()
 def give(*bytes):
     for part in bytes:
         out.write(part); out.flush()
@@ -98,7 +99,7 @@ k = 0
 while True:
     head = sys.stdin.buffer.read(8)
     if len(head) < 8: break
-    length, kind = struct.unpack("<II", head)
+    length, kind, number = struct.unpack("<IHH", head)
     body = sys.stdin.buffer.read(length)
     if kind == 1: say(101, {describe})
     elif kind == 3:
@@ -126,9 +127,10 @@ fn bystander(recording: &Recording) -> Vec<u64> {
 }
 
 /// What fails while it runs: a line of a step, and what is told.
-const FAULTS: [(&str, &str); 24] = [
-    ("while True: pass", "step: gave no answer within 0.3 s"),
-    ("time.sleep(9)", "step: gave no answer within 0.3 s"),
+const FAULTS: [(&str, &str); 25] = [
+    ("raise ValueError('x' * 2_000_000)", "step: ValueError: xxx"),
+    ("while True: pass", "step: gave no answer within 1 s"),
+    ("time.sleep(9)", "step: gave no answer within 1 s"),
     (
         "raise ValueError('no')",
         "step: ValueError: no (fault.py, line ",
@@ -199,22 +201,26 @@ const FAULTS: [(&str, &str); 24] = [
 ];
 
 /// The same without the module, for what the module would not let through.
-const RAW_FAULTS: [(&str, &str); 11] = [
+const RAW_FAULTS: [(&str, &str); 12] = [
+    (
+        "give(struct.pack('<IHHIId', 16, 103, number - 1, 0, 0, 0.1))",
+        "answered with something else than an answer",
+    ),
     (
         "give(b'hello, world, this is no message')",
-        "answered with something else than a message",
+        "answered with something else than an answer",
     ),
     (
         "print('a debugging line', flush=True)",
-        "answered with something else than a message",
+        "answered with something else than an answer",
     ),
     (
-        "give(struct.pack('<II', 1 << 31, 103))",
+        "give(struct.pack('<IHH', 1 << 31, 103, number))",
         "answered with 2147483648 bytes",
     ),
     (
         "say(104, b'')",
-        "answered with something else than a message: kind 104",
+        "answered with something else than an answer: kind 104",
     ),
     ("say(103, b'')", "step: answered with too few bytes"),
     (
@@ -238,8 +244,8 @@ const RAW_FAULTS: [(&str, &str); 11] = [
         "step: ended without an answer (exit status: 1)",
     ),
     (
-        "[(give(bytes([b])), time.sleep(0.1)) for b in struct.pack('<IIIId', 16, 103, 0, 0, 0.1)]",
-        "step: gave no answer within 0.3 s",
+        "[(give(bytes([b])), time.sleep(0.3)) for b in struct.pack('<IHHIId', 16, 103, number, 0, 0, 0.1)]",
+        "step: gave no answer within 1 s",
     ),
 ];
 
@@ -398,6 +404,22 @@ fn invariant_what_follows_a_failure_is_chosen() {
     assert_eq!(last(&recording, "command.forward"), 0.125);
     // What only the one that went wrote is silent.
     assert_eq!(last(&recording, "command.yaw_rate"), 0.0);
+
+    // One that takes over and fails, too, has nobody behind it; and none may stand behind itself.
+    let other = |fallback: &str| {
+        SCENARIO.replace("time_limit", "fallback = \"other\", time_limit")
+            + "[[robot.standby]]\nname = \"other\"\ncontroller = { kind = \"plugin\", file = \"FILE\""
+            + fallback
+            + " }\n"
+    };
+    let (summary, recording) = run(&file, &other("")).expect("a run");
+    assert_eq!((summary.failures.len(), summary.swaps.len()), (2, 1));
+    assert_eq!(last(&recording, "command.forward"), 0.0);
+    let problem = run(&file, &other(", fallback = \"controller\"")).expect_err("a refusal");
+    assert!(
+        problem.contains("must not lead back, got controller -> other -> controller"),
+        "{problem}"
+    );
     std::fs::remove_dir_all(folder).expect("removed");
 }
 
@@ -421,7 +443,7 @@ fn invariant_controllers_take_over_without_a_bump() {
     assert_eq!(summary.verdict, Outcome::Passed);
     let told: Vec<(f64, &str)> = summary.swaps.iter().map(|s| (s.t, s.to.as_str())).collect();
     assert_eq!(told, [(4.0, "pursuit"), (9.0, "controller")]);
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/controllers/pursuit.py");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/pursuit.py");
     let hash = digest(&std::fs::read(file).expect("a file"));
     assert_eq!(summary.swaps[0].hash.as_deref(), Some(hash.as_str()));
     // Both laws accelerate by at most 0.9 m/s² (half as much again when braking), and steer at 4 rad/s² at

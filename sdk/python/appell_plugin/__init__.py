@@ -14,6 +14,7 @@ A scenario names the file; Appell starts it with ``python3 -m appell_plugin FILE
 of REP-103. What is printed goes to the terminal.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Callable, Optional
 
@@ -71,7 +72,8 @@ def controller(
     ``inputs``: name to unit. ``outputs``: name to unit, or to (unit, least, largest). ``parameters``: name to
     default, or to (default, unit), or to (default, unit, least, largest). The function takes ``now``
     (:class:`Now`), ``inputs`` and ``parameters`` (numbers by name) and ``memory``, a dictionary of its own
-    that lasts from step to step; plain data in it can be saved and restored. It returns the outputs, by
+    that lasts from step to step; plain data in it (texts for keys, lists rather than
+    tuples) can be saved and restored. It returns the outputs, by
     name or in their order. ``start(context, parameters)``, if given, makes the memory.
     """
 
@@ -97,7 +99,13 @@ def _output(name: str, what: Any) -> dict:
     if isinstance(what, str):
         return {"name": name, "unit": what}
     unit, least, largest = what
-    return {"name": name, "unit": unit, "min": float(least), "max": float(largest)}
+    return {"name": name, "unit": unit, **_limits(least, largest)}
+
+
+def _limits(least: Any, largest: Any) -> dict:
+    """Limits that are finite; there are no others in JSON."""
+    limits = {"min": float(least), "max": float(largest)}
+    return {key: limit for key, limit in limits.items() if not math.isinf(limit)}
 
 
 def _parameter(name: str, what: Any) -> dict:
@@ -107,5 +115,5 @@ def _parameter(name: str, what: Any) -> dict:
     if len(what) > 1:
         parameter["unit"] = what[1]
     if len(what) > 2:
-        parameter["min"], parameter["max"] = float(what[2]), float(what[3])
+        parameter.update(_limits(what[2], what[3]))
     return parameter

@@ -12,7 +12,8 @@ from appell_plugin import Controller, Now
 
 DESCRIBE, CREATE, STEP, DESTROY, SAVE, RESTORE, TAKE_OVER = range(1, 8)
 ANSWER, REFUSED = 100, 200
-HEAD = struct.Struct("<II")
+HEAD = struct.Struct("<IHH")
+PART = struct.Struct("<II")
 CALL = struct.Struct("<IIdd")
 MEMBER = struct.Struct("<I")
 
@@ -55,12 +56,15 @@ class Server:
             return b""
         member = self.members[number]
         if kind == SAVE:
-            return json.dumps([member.memory, member.now.before]).encode()
+            text = json.dumps([member.memory, member.now.before])
+            if json.loads(text) != [member.memory, member.now.before]:
+                raise ValueError("memory must be plain data: texts for keys, lists for tuples")
+            return text.encode()
         if kind == RESTORE:
             member.memory, member.now.before = json.loads(body[MEMBER.size :])
             return b""
         if kind == TAKE_OVER:
-            values = self.results.unpack_from(body, HEAD.size)
+            values = self.results.unpack_from(body, PART.size)
             member.now.before = dict(zip(self.outputs, values))
             return b""
         raise ValueError(f"requests of kind {kind} are unknown")
@@ -73,10 +77,10 @@ class Server:
             values = self.numbers.unpack_from(body, at + CALL.size)
             at += CALL.size + self.numbers.size
             try:
-                answer.append(HEAD.pack(0, 0) + self.step(self.members[number], t, dt, values))
+                answer.append(PART.pack(0, 0) + self.step(self.members[number], t, dt, values))
             except Exception as error:  # whatever a controller raises
                 text = reason(error).encode()
-                answer.append(HEAD.pack(1, len(text)) + text)
+                answer.append(PART.pack(1, len(text)) + text)
         return b"".join(answer)
 
     def step(self, member: Member, t: float, dt: float, values: tuple) -> bytes:
@@ -104,6 +108,8 @@ class Server:
 
 def reason(error: Exception) -> str:
     """One line: what was raised, and where in the user's file."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"SyntaxError: {error.msg} ({os.path.basename(error.filename)}, line {error.lineno})"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
     text = traceback.format_exception_only(type(error), error)[-1].strip()
     if not frames:
@@ -141,7 +147,7 @@ def main() -> None:
         head = requests.read(HEAD.size)
         if len(head) < HEAD.size:
             return
-        length, kind = HEAD.unpack(head)
+        length, kind, number = HEAD.unpack(head)
         body = requests.read(length)
         try:
             if server is None:
@@ -149,7 +155,7 @@ def main() -> None:
             answer, kind = server.answer(kind, body), kind + ANSWER
         except Exception as error:  # told, not fatal
             answer, kind = (failure or reason(error)).encode(), REFUSED
-        answers.write(HEAD.pack(len(answer), kind) + answer)
+        answers.write(HEAD.pack(len(answer), kind, number) + answer)
         answers.flush()
 
 

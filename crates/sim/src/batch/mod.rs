@@ -20,11 +20,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::foreign::digests;
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::run::{Outcome, Plans, Run, Summary, hash};
 use crate::scenario::{
     self, Diagnostic, Diagnostics, Draw, Loaded, Overrides, Sampling, Template, Vary,
 };
+use crate::world::Failure;
 
 use lanes::{Queue, Worker};
 
@@ -379,9 +381,12 @@ impl Batch {
         // The first rows stand for all that the text only names, such as the files it reads.
         let rows = places.into_iter().zip(probed);
         let probed: Vec<Row> = rows.map(|(place, probe)| batch.row(place, probe)).collect();
+        let variants = batch.variants.iter();
+        let plugins = variants.map(|(own, _)| digests(&own.scenario, &own.folder));
         batch.manifest.hash = hash(&format!(
-            "{}\n{}\n{}\n{}\n{}",
+            "{}{}\n{}\n{}\n{}\n{}",
             batch.manifest.text,
+            plugins.collect::<String>(),
             env!("CARGO_PKG_VERSION"),
             serde_json::to_string(&plan).expect("a plan is plain data"),
             serde_json::to_string(&batch.manifest.columns).expect("columns are plain data"),
@@ -487,6 +492,11 @@ impl Batch {
             row.other = serde_json::to_string(&other).expect("figures are plain data");
         }
         row.reason = summary.reason;
+        // What a plug-in did wrong is why a trial is not like the others.
+        if let Some(failure) = summary.failures.first() {
+            let Failure { block, problem, .. } = failure;
+            row.reason = format!("{} ({block} failed: {problem})", row.reason);
+        }
         row
     }
 

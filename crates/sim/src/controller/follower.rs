@@ -327,8 +327,10 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
     /// that was commanded.
     fn take_over(&mut self, input: &[T], before: &[T]) {
         let [x, y, yaw] = [input[0], input[1], input[2]];
-        let progress = before[4];
+        // Where it, or another follower, came to last.
+        let progress = before[4].max(self.state.progress);
         let ahead = self.path.length - progress;
+        let slack = T::from(0.1) * self.lookahead;
         let mut best = (T::from(f64::MAX), progress);
         for k in 0..=SEARCHED {
             let s = ahead.mul_add(T::from(k as f64 / SEARCHED as f64), progress);
@@ -336,8 +338,10 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
             let off = self.lookahead * wrap_angle(yaw - beside.heading);
             let across = beside.offset.mul_add(beside.offset, off * off);
             let cost = beside.along.mul_add(beside.along, across);
-            let nearer = cost.less(best.0);
-            best = (cost.min(best.0), T::select(nearer, s, best.1));
+            // Of laps that are as near the first counts.
+            let nearer = (cost + slack * slack).less(best.0);
+            best.0 = T::select(nearer, cost, best.0);
+            best.1 = T::select(nearer, s, best.1);
         }
         let [forward, left] = [before[0], before[1]];
         self.state = State {

@@ -51,7 +51,7 @@ pub struct Header {
     /// The resolved scenario, TOML.
     #[serde(default)]
     pub scenario_text: String,
-    /// Hash of the resolved scenario.
+    /// Hash of the resolved scenario, and of the plug-ins that it names.
     pub hash: String,
     /// Seed of the run.
     pub seed: u64,

@@ -74,13 +74,22 @@ pub(super) fn check_swaps(c: &mut Checker, scenario: &Scenario) {
             continue;
         };
         check_standby(c, path("to"), robot, &swap.to);
-        if robot.count > 1 {
-            c.refuse(
-                path("robot"),
-                format!("must be a single robot, got {} by count", robot.count),
-                "robots by count keep their controllers",
-            );
-        }
+    }
+    // Robots by count are each run by themselves, and many.
+    let counted = scenario.robot.iter().find(|robot| robot.count > 1);
+    let foreign = scenario.robot.iter().find(|robot| {
+        let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
+        !robot.standby.is_empty() || robot.controllers().any(is_plugin)
+    });
+    if let (Some(counted), Some(foreign)) = (counted, foreign) {
+        c.refuse(
+            format!("robot.{}.count", counted.name),
+            format!(
+                "must be 1 beside plug-ins and controllers that stand by, as of robot \"{}\", got {}",
+                foreign.name, counted.count
+            ),
+            "run trials with `appell batch`, or let a built-in controller do it",
+        );
     }
 }
 
@@ -140,12 +149,25 @@ fn check_plugin(c: &mut Checker, place: &Place<'_>, plugin: &Plugin, step: f64, 
     }
     if let Some(fallback) = &plugin.fallback {
         check_standby(c, path("fallback"), place.robot, fallback);
-        if fallback == place.name {
-            c.refuse(
-                path("fallback"),
-                format!("must be another controller, got {fallback:?}, itself"),
-                "",
-            );
+        // Along the chain of those that take over from each other.
+        let mut chain = vec![place.name];
+        let mut next = Some(fallback.as_str());
+        while let Some(name) = next {
+            if chain.contains(&name) {
+                chain.push(name);
+                c.refuse(
+                    path("fallback"),
+                    format!("must not lead back, got {}", chain.join(" -> ")),
+                    "let a controller that is built in be the last",
+                );
+                break;
+            }
+            chain.push(name);
+            let mut known = place.robot.controllers();
+            next = known.find_map(|(own, controller)| match controller {
+                Controller::Plugin(plugin) if own == name => plugin.fallback.as_deref(),
+                _ => None,
+            });
         }
         if plugin.on_failure != OnFailure::Stop {
             c.refuse(
@@ -531,13 +553,11 @@ fn check_route(
             );
         }
     }
-    let follower = robot.controller.as_ref().and_then(Controller::follower);
+    let mut followers = robot.controllers().filter_map(|(_, own)| own.follower());
+    let steers = followers.any(|follower| follower.heading == Heading::Steer);
     let sharpest = crate::design::sharpest_curve(platform);
     let off = appell_model::math::wrap_angle(robot.pose[2] - way.heading[0]);
-    if off.abs() > std::f64::consts::FRAC_PI_2
-        && sharpest.is_finite()
-        && follower.is_some_and(|follower| follower.heading == Heading::Steer)
-    {
+    if off.abs() > std::f64::consts::FRAC_PI_2 && sharpest.is_finite() && steers {
         c.refuse(
             base,
             format!(
@@ -551,7 +571,7 @@ fn check_route(
         .curvature
         .iter()
         .position(|k| k.abs() > sharpest * (1.0 + 1e-6))
-        && follower.is_some_and(|follower| follower.heading == Heading::Steer)
+        && steers
     {
         c.refuse(
             base,

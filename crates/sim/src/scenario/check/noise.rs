@@ -80,7 +80,7 @@ pub(super) fn check_wheel_noise(c: &mut Checker, robot: &Robot, folder: &Path) {
     let periods = robot
         .controllers()
         .map(|(_, controller)| controller.period());
-    let own = periods.reduce(f64::min).unwrap_or(0.0);
+    let own = periods.reduce(f64::max).unwrap_or(0.0);
     let period = robot.servo.period.unwrap_or(own);
     let (rate, angle) = (robot.servo.rate_feedback, robot.servo.angle_feedback);
     // The loop e' = −K_P e − K_I T Σ e decays for K_P < 1 and K_I T < 2 (1 − K_P).
