@@ -195,10 +195,7 @@ impl Plugin {
     pub fn save(&mut self, member: u32) -> Result<Vec<u8>, Fault> {
         match &mut self.host {
             Host::Process(process) => process.save(member),
-            Host::Native(native) => {
-                let result = native.save(member);
-                result.map_err(|problem| Fault::new("save", problem))
-            }
+            Host::Native(native) => told("save", native.save(member)),
         }
     }
 
@@ -209,10 +206,7 @@ impl Plugin {
     pub fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), Fault> {
         match &mut self.host {
             Host::Process(process) => process.restore(member, bytes),
-            Host::Native(native) => {
-                let result = native.restore(member, bytes);
-                result.map_err(|problem| Fault::new("restore", problem))
-            }
+            Host::Native(native) => told("restore", native.restore(member, bytes)),
         }
     }
 
@@ -223,12 +217,14 @@ impl Plugin {
     pub fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), Fault> {
         match &mut self.host {
             Host::Process(process) => process.take_over(member, outputs),
-            Host::Native(native) => {
-                let result = native.take_over(member, outputs);
-                result.map_err(|problem| Fault::new("take_over", problem))
-            }
+            Host::Native(native) => told("take_over", native.take_over(member, outputs)),
         }
     }
+}
+
+/// What a library says of a call that failed.
+fn told<R>(field: &str, result: Result<R, String>) -> Result<R, Fault> {
+    result.map_err(|problem| Fault::new(field, problem))
 }
 
 /// SHA-256 of bytes, in hexadecimal.

@@ -6,19 +6,26 @@
 //! A world may hold several trials in lanes. They share its ticks, each counted from its own start,
 //! and go on until their own end; the others do not notice when another trial takes a lane over.
 
+mod changes;
+mod look;
+mod saved;
+
 use std::collections::BTreeMap;
 
 use appell_model::lanewise::Lanewise;
-use appell_model::math::hypot;
 use appell_model::scalar::{Mask, Scalar};
-use appell_model::wide::{Job, widest};
-use serde::{Deserialize, Serialize};
+use appell_model::wide::widest;
 
-use crate::block::{Block, BlockError, Detail, Now, Recovery, finite_lanes};
+use crate::block::{Block, BlockError, Detail, Now, finite_lanes};
 use crate::judge::{Judge, Verdict};
-use crate::layout::{Beacon, Layout};
+use crate::layout::Layout;
 use crate::record::{Event, RecordError, Recorder};
 use crate::signal::Signal;
+
+pub(crate) use changes::Change;
+use changes::Roster;
+pub use changes::{Failure, Swapped};
+use look::{Look, rings};
 
 /// When something is due that repeats: a division at every tick costs more than the tick's logic.
 #[derive(Clone, Copy, Debug)]
@@ -68,53 +75,6 @@ struct Shared<T> {
     values: Vec<T>,
 }
 
-/// A change of controllers.
-#[derive(Clone, Debug)]
-pub(crate) struct Change {
-    pub tick: u64,
-    /// Places of the robot, and of the controller among its own.
-    pub robot: usize,
-    pub to: usize,
-}
-
-/// A change of controllers that was made, or could not be.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Swapped {
-    /// Time, s.
-    pub t: f64,
-    /// Name of the robot.
-    pub robot: String,
-    /// The controller that wrote commands before.
-    pub from: String,
-    /// The one that was to take over.
-    pub to: String,
-    /// SHA-256 of the new one's file, of a plug-in.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub hash: Option<String>,
-    /// Why the old one went on, if it did.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub refused: Option<String>,
-}
-
-/// A controller that failed, where the run went on.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Failure {
-    /// Time, s.
-    pub t: f64,
-    /// Step of the simulation.
-    pub step: u64,
-    /// Path of the controller.
-    pub block: String,
-    /// What happened: the field, and what is wrong with it.
-    pub problem: String,
-}
-
-/// The controllers of a robot, by name, and which of them runs.
-struct Crew {
-    names: Vec<String>,
-    active: usize,
-}
-
 /// What judges a robot.
 pub(crate) struct Referee<T: Scalar> {
     pub robot: String,
@@ -154,7 +114,7 @@ pub struct World<T: Scalar = f64> {
     readings: Vec<Due>,
     pub(crate) referees: Vec<Referee<T>>,
     /// The controllers of each robot.
-    crews: Vec<Crew>,
+    rosters: Vec<Roster>,
     /// Changes of controllers to come, in order, the first at `next_change`.
     changes: Vec<Change>,
     next_change: usize,
@@ -270,7 +230,7 @@ impl<T: Scalar> World<T> {
         }
         let (mut sensors, mut controllers, mut plants) = (Vec::new(), Vec::new(), Vec::new());
         let mut judges = Vec::new();
-        let mut crews = Vec::new();
+        let mut rosters = Vec::new();
         for (k, robot) in parts.robots.into_iter().enumerate() {
             let mut place = |(block, period): (Box<dyn Block<T>>, u64)| {
                 let start = signals.len();
@@ -310,7 +270,7 @@ impl<T: Scalar> World<T> {
                     columns: (!beside).then_some(columns),
                 });
             }
-            crews.push(Crew {
+            rosters.push(Roster {
                 names: robot.crew,
                 active: 0,
             });
@@ -407,7 +367,7 @@ impl<T: Scalar> World<T> {
             plants,
             readings,
             referees,
-            crews,
+            rosters,
             changes: parts.changes,
             next_change: 0,
             swapped: Vec::new(),
@@ -442,7 +402,7 @@ impl<T: Scalar> World<T> {
             && self.record.period == parts.record
             && self.plants.len() == parts.robots.len()
             // Each lane would change controllers at a tick of its own.
-            && self.crews.iter().all(|crew| crew.names.len() <= 1);
+            && self.rosters.iter().all(|roster| roster.names.len() <= 1);
         for ((plant, referee), robot) in robots {
             fit = fit
                 && like(plant, robot.plant.as_ref(), 1)
@@ -694,7 +654,7 @@ impl<T: Scalar> World<T> {
                 Stage::Sense => &mut self.sensors[k],
                 Stage::Decide => &mut self.controllers[k],
             };
-            if !slot.due.now(self.tick) || !slot.runs(&self.crews) {
+            if !slot.due.now(self.tick) || !slot.runs(&self.rosters) {
                 continue;
             }
             slot.gather(&self.row);
@@ -724,135 +684,6 @@ impl<T: Scalar> World<T> {
                 self.recover(error, robot, t);
             }
         }
-    }
-
-    /// Makes the changes of controllers that are due.
-    fn change_controllers(&mut self, t: T) {
-        while let Some(change) = self.changes.get(self.next_change)
-            && change.tick <= self.tick
-        {
-            let (robot, to) = (change.robot, change.to);
-            self.next_change += 1;
-            self.swap(robot, to, t);
-        }
-    }
-
-    /// Lets another controller of a robot take over, if it can.
-    #[cold]
-    fn swap(&mut self, robot: usize, to: usize, t: T) {
-        let crew = &self.crews[robot];
-        let from = crew.active;
-        if from == to {
-            return;
-        }
-        let name = self.referees[robot].robot.clone();
-        let mut told = Swapped {
-            t: t.lane(0),
-            robot: name.clone(),
-            from: crew.names[from].clone(),
-            to: crew.names[to].clone(),
-            hash: None,
-            refused: None,
-        };
-        let (old, new) = (1 << from, 1 << to);
-        for slot in &mut self.controllers {
-            if slot.robot != robot || slot.with & new == 0 || slot.with & old != 0 {
-                continue;
-            }
-            slot.gather(&self.row);
-            let before: Vec<T> = slot.columns().map(|k| self.row[k]).collect();
-            if let Err(error) = slot.block.take_over(&slot.buffer, &before) {
-                told.refused = Some(error.problem);
-            }
-            if let Some(hash) = slot.block.origin() {
-                told.hash = Some(hash.to_owned());
-            }
-        }
-        let text = match &told.refused {
-            Some(problem) => format!(
-                "{} could not take over, {} goes on: {problem}",
-                told.to, told.from
-            ),
-            None => {
-                self.crews[robot].active = to;
-                self.silence(robot, old, new);
-                let hash = told.hash.as_ref();
-                let hash = hash.map_or(String::new(), |hash| format!(" ({})", &hash[..12]));
-                format!("{}{hash} took over from {}", told.to, told.from)
-            }
-        };
-        self.tell(robot, "swap", text, t);
-        self.swapped.push(told);
-    }
-
-    /// Zeros what only the controllers that went wrote.
-    fn silence(&mut self, robot: usize, old: u64, new: u64) {
-        let of = |with: u64| {
-            let slots = self.controllers.iter();
-            slots.filter(move |slot| slot.robot == robot && slot.with & with != 0)
-        };
-        let written: Vec<usize> = of(new).flat_map(Slot::columns).collect();
-        let silent: Vec<usize> = of(old)
-            .flat_map(Slot::columns)
-            .filter(|k| !written.contains(k))
-            .collect();
-        for k in silent {
-            self.row[k] = T::zero();
-        }
-    }
-
-    /// Does what follows where a controller could not go on.
-    #[cold]
-    fn recover(&mut self, error: BlockError, robot: usize, t: T) {
-        if error.then == Recovery::End {
-            return self.break_off(error, 0.0);
-        }
-        let failure = Failure {
-            t: t.lane(0),
-            step: self.ticks[0],
-            block: error.block,
-            problem: error.problem,
-        };
-        let then = match error.then {
-            Recovery::Swap(to) => format!("{} is to take over", self.crews[robot].names[to]),
-            _ => "its commands are zero from here".to_owned(),
-        };
-        let Failure {
-            step,
-            block,
-            problem,
-            ..
-        } = &failure;
-        let text = format!("{block} failed at step {step}: {problem}; {then}");
-        self.failures.push(failure);
-        self.tell(robot, "fault", text, t);
-        if let Recovery::Swap(to) = error.then {
-            self.swap(robot, to, t);
-        }
-    }
-
-    /// An event of a robot, in a world of one trial.
-    fn tell(&mut self, robot: usize, kind: &str, text: String, t: T) {
-        let referee = &self.referees[robot];
-        let [x, y, ..] = referee.watched.map(|k| self.row[k].lane(0));
-        let event = Event {
-            t: t.lane(0),
-            robot: referee.robot.clone(),
-            kind: kind.into(),
-            text,
-            position: Some([x, y]),
-        };
-        self.events.push((0, event));
-    }
-
-    /// Controllers that failed so far, where the run went on.
-    pub fn failures(&self) -> &[Failure] {
-        &self.failures
-    }
-
-    /// Changes of controllers so far.
-    pub fn swapped(&self) -> &[Swapped] {
-        &self.swapped
     }
 
     /// Breaks trials off in which a block could not go on, `dt` after this tick.
@@ -975,43 +806,6 @@ impl<T: Scalar> World<T> {
     }
 }
 
-/// Place of each beacon and sum of its radius and the robot's, m.
-fn rings<T: Scalar>(layout: &Layout) -> Vec<[T; 3]> {
-    let ring = |beacon: &Beacon| {
-        let [x, y] = beacon.position;
-        [x, y, beacon.radius + layout.collision_radius].map(T::from)
-    };
-    layout.beacons.iter().map(ring).collect()
-}
-
-/// What a judge sees: the distance between the robot's disc and the nearest beacon, m, negative inside;
-/// and of each lane position, m, and speed, m/s.
-struct Look<'a, T> {
-    beacons: &'a [[T; 3]],
-    /// x, y, forward and left speed.
-    motion: [T; 4],
-}
-
-impl<T: Scalar> Job for Look<'_, T> {
-    type Output = (T, [[T::Single; 3]; LANES_MAX]);
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let [x, y, forward, left] = self.motion;
-        let mut nearest = T::from(f64::MAX);
-        for k in 0..self.beacons.len() {
-            let [east, north, radius] = self.beacons[k];
-            nearest = nearest.min(hypot(x - east, y - north) - radius);
-        }
-        let speed = crate::plant::speed(forward, left);
-        let mut seen = [[T::Single::zero(); 3]; LANES_MAX];
-        for lane in 0..T::LANES {
-            seen[lane] = [x.single(lane), y.single(lane), speed.single(lane)];
-        }
-        (nearest, seen)
-    }
-}
-
 /// A stage of a step.
 #[derive(Clone, Copy)]
 enum Stage {
@@ -1051,68 +845,6 @@ impl World {
             None => Ok(goes_on),
         }
     }
-
-    /// The whole state as bytes, at any tick.
-    pub fn save(&self) -> Vec<u8> {
-        let mut bytes = self.tick.to_le_bytes().to_vec();
-        crate::block::save_numbers(&self.row, &mut bytes);
-        bytes.extend(self.crews.iter().map(|crew| crew.active as u8));
-        let told = serde_json::to_vec(&(&self.swapped, &self.failures));
-        save_text(&told.expect("plain data"), &mut bytes);
-        for slot in self.slots() {
-            slot.block.save(&mut bytes);
-        }
-        for referee in &self.referees {
-            let judge = serde_json::to_vec(&referee.judges[0]).expect("a judge is plain data");
-            save_text(&judge, &mut bytes);
-        }
-        bytes
-    }
-
-    /// Takes back a state saved by a world of the same scenario and version.
-    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), RestoreError> {
-        self.try_restore(bytes).ok_or(RestoreError)
-    }
-
-    fn try_restore(&mut self, bytes: &[u8]) -> Option<()> {
-        let tick = u64::from_le_bytes(bytes.get(..8)?.try_into().ok()?);
-        let mut at = 8;
-        at += crate::block::restore_numbers(&mut self.row, &bytes[at..])?;
-        for crew in &mut self.crews {
-            crew.active = usize::from(*bytes.get(at)?);
-            at += 1;
-            if crew.active >= crew.names.len().max(1) {
-                return None;
-            }
-        }
-        let told = saved_text(bytes.get(at..)?)?;
-        (self.swapped, self.failures) = serde_json::from_slice(told).ok()?;
-        at += 8 + told.len();
-        let slots = self
-            .sensors
-            .iter_mut()
-            .chain(&mut self.controllers)
-            .chain(&mut self.plants);
-        for slot in slots {
-            at += slot.block.restore(bytes.get(at..)?)?;
-        }
-        for referee in &mut self.referees {
-            let judge = saved_text(bytes.get(at..)?)?;
-            referee.judges[0] = serde_json::from_slice(judge).ok()?;
-            at += 8 + judge.len();
-        }
-        self.ticks[0] = tick;
-        self.running[0] = true;
-        self.seek(tick);
-        (at == bytes.len()).then_some(())
-    }
-
-    fn slots(&self) -> impl Iterator<Item = &Slot<f64>> {
-        self.sensors
-            .iter()
-            .chain(&self.controllers)
-            .chain(&self.plants)
-    }
 }
 
 impl<T: Scalar> Slot<T> {
@@ -1124,8 +856,8 @@ impl<T: Scalar> Slot<T> {
     }
 
     /// Whether it runs with the present controller of its robot.
-    fn runs(&self, crews: &[Crew]) -> bool {
-        self.with == u64::MAX || self.with & (1 << crews[self.robot].active) != 0
+    fn runs(&self, rosters: &[Roster]) -> bool {
+        self.with == u64::MAX || self.with & (1 << rosters[self.robot].active) != 0
     }
 
     /// Columns of its outputs.
@@ -1143,18 +875,6 @@ impl<T: Scalar> Slot<T> {
             self.buffer[k] = row[index];
         }
     }
-}
-
-/// Appends a text with its length.
-fn save_text(text: &[u8], bytes: &mut Vec<u8>) {
-    bytes.extend_from_slice(&(text.len() as u64).to_le_bytes());
-    bytes.extend_from_slice(text);
-}
-
-/// A text that was saved at the front of these bytes.
-fn saved_text(bytes: &[u8]) -> Option<&[u8]> {
-    let (size, rest) = bytes.split_first_chunk()?;
-    rest.get(..usize::try_from(u64::from_le_bytes(*size)).ok()?)
 }
 
 /// Greatest common divisor.

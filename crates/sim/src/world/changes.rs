@@ -1,0 +1,186 @@
+//! Changes of controllers, and what follows where one fails.
+
+use appell_model::scalar::Scalar;
+use serde::{Deserialize, Serialize};
+
+use super::{Slot, World};
+use crate::block::{BlockError, Recovery};
+use crate::record::Event;
+
+/// A change of controllers.
+#[derive(Clone, Debug)]
+pub(crate) struct Change {
+    pub tick: u64,
+    /// Places of the robot, and of the controller among its own.
+    pub robot: usize,
+    pub to: usize,
+}
+
+/// A change of controllers that was made, or could not be.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Swapped {
+    /// Time, s.
+    pub t: f64,
+    /// Name of the robot.
+    pub robot: String,
+    /// The controller that wrote commands before.
+    pub from: String,
+    /// The one that was to take over.
+    pub to: String,
+    /// SHA-256 of the new one's file, of a plug-in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hash: Option<String>,
+    /// Why the old one went on, if it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+/// A controller that failed, where the run went on.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Failure {
+    /// Time, s.
+    pub t: f64,
+    /// Step of the simulation.
+    pub step: u64,
+    /// Path of the controller.
+    pub block: String,
+    /// What happened: the field, and what is wrong with it.
+    pub problem: String,
+}
+
+/// The controllers of a robot, by name, and which of them runs.
+pub(super) struct Roster {
+    pub(super) names: Vec<String>,
+    pub(super) active: usize,
+}
+
+impl<T: Scalar> World<T> {
+    /// Makes the changes of controllers that are due.
+    pub(super) fn change_controllers(&mut self, t: T) {
+        while let Some(change) = self.changes.get(self.next_change)
+            && change.tick <= self.tick
+        {
+            let (robot, to) = (change.robot, change.to);
+            self.next_change += 1;
+            self.swap(robot, to, t);
+        }
+    }
+
+    /// Lets another controller of a robot take over, if it can.
+    #[cold]
+    fn swap(&mut self, robot: usize, to: usize, t: T) {
+        let roster = &self.rosters[robot];
+        let from = roster.active;
+        if from == to {
+            return;
+        }
+        let name = self.referees[robot].robot.clone();
+        let mut told = Swapped {
+            t: t.lane(0),
+            robot: name.clone(),
+            from: roster.names[from].clone(),
+            to: roster.names[to].clone(),
+            hash: None,
+            refused: None,
+        };
+        let (old, new) = (1 << from, 1 << to);
+        for slot in &mut self.controllers {
+            if slot.robot != robot || slot.with & new == 0 || slot.with & old != 0 {
+                continue;
+            }
+            slot.gather(&self.row);
+            let before: Vec<T> = slot.columns().map(|k| self.row[k]).collect();
+            if let Err(error) = slot.block.take_over(&slot.buffer, &before) {
+                told.refused = Some(error.problem);
+            }
+            if let Some(hash) = slot.block.origin() {
+                told.hash = Some(hash.to_owned());
+            }
+        }
+        let text = match &told.refused {
+            Some(problem) => format!(
+                "{} could not take over, {} goes on: {problem}",
+                told.to, told.from
+            ),
+            None => {
+                self.rosters[robot].active = to;
+                self.silence(robot, old, new);
+                let hash = told.hash.as_ref();
+                let hash = hash.map_or(String::new(), |hash| format!(" ({})", &hash[..12]));
+                format!("{}{hash} took over from {}", told.to, told.from)
+            }
+        };
+        self.tell(robot, "swap", text, t);
+        self.swapped.push(told);
+    }
+
+    /// Zeros what only the controllers that went wrote.
+    fn silence(&mut self, robot: usize, old: u64, new: u64) {
+        let of = |with: u64| {
+            let slots = self.controllers.iter();
+            slots.filter(move |slot| slot.robot == robot && slot.with & with != 0)
+        };
+        let written: Vec<usize> = of(new).flat_map(Slot::columns).collect();
+        let silent: Vec<usize> = of(old)
+            .flat_map(Slot::columns)
+            .filter(|k| !written.contains(k))
+            .collect();
+        for k in silent {
+            self.row[k] = T::zero();
+        }
+    }
+
+    /// Does what follows where a controller could not go on.
+    #[cold]
+    pub(super) fn recover(&mut self, error: BlockError, robot: usize, t: T) {
+        if error.then == Recovery::End {
+            return self.break_off(error, 0.0);
+        }
+        let failure = Failure {
+            t: t.lane(0),
+            step: self.ticks[0],
+            block: error.block,
+            problem: error.problem,
+        };
+        let then = match error.then {
+            Recovery::Swap(to) => format!("{} is to take over", self.rosters[robot].names[to]),
+            _ => "its commands are zero from here".to_owned(),
+        };
+        let Failure {
+            step,
+            block,
+            problem,
+            ..
+        } = &failure;
+        let text = format!("{block} failed at step {step}: {problem}; {then}");
+        self.failures.push(failure);
+        self.tell(robot, "fault", text, t);
+        if let Recovery::Swap(to) = error.then {
+            self.swap(robot, to, t);
+        }
+    }
+
+    /// An event of a robot, in a world of one trial.
+    fn tell(&mut self, robot: usize, kind: &str, text: String, t: T) {
+        let referee = &self.referees[robot];
+        let [x, y, ..] = referee.watched.map(|k| self.row[k].lane(0));
+        let event = Event {
+            t: t.lane(0),
+            robot: referee.robot.clone(),
+            kind: kind.into(),
+            text,
+            position: Some([x, y]),
+        };
+        self.events.push((0, event));
+    }
+
+    /// Controllers that failed so far, where the run went on.
+    pub fn failures(&self) -> &[Failure] {
+        &self.failures
+    }
+
+    /// Changes of controllers so far.
+    pub fn swapped(&self) -> &[Swapped] {
+        &self.swapped
+    }
+}
