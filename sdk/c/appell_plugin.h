@@ -6,6 +6,10 @@
  *
  *   cc -shared -fPIC -O2 -ffp-contract=off -o mine.so mine.c -lm
  *
+ * or, without the C library, as a module of WebAssembly, which has the same functions:
+ *
+ *   clang --target=wasm32 -O2 -ffp-contract=off -mbulk-memory -nostdlib -Wl,--no-entry -o mine.wasm mine.c
+ *
  * Units are SI, frames those of REP-103. A member is one life of the controller: of one robot, in one
  * trial. Its memory belongs into it, and nowhere else: then worlds can be saved and go on, and repetitions
  * have the same bits. A member is used by one thread at a time, but not always by the same.
@@ -18,7 +22,9 @@
 
 #define APPELL_ABI 1
 
-#if defined(_WIN32)
+#if defined(__wasm__)
+#define APPELL_EXPORT __attribute__((visibility("default"), used))
+#elif defined(_WIN32)
 #define APPELL_EXPORT __declspec(dllexport)
 #else
 #define APPELL_EXPORT __attribute__((visibility("default")))
@@ -60,6 +66,47 @@ APPELL_EXPORT int32_t appell_restore(void *member, const uint8_t *bytes, size_t 
 /* Before the first step of a member that takes over from another controller: what that one wrote last to
  * the outputs. Not 0 if it cannot. */
 APPELL_EXPORT int32_t appell_take_over(void *member, const double *outputs);
+
+/* Steps several members at once, each at its own time: inputs and outputs stand one after the other. The
+ * same as one by one. The place of the first that failed, counted from 1, or 0. Of modules only. */
+APPELL_EXPORT int32_t appell_step_many(int32_t count, void *const *members, const double *t, double dt,
+                                       const double *inputs, double *outputs);
+
+#if defined(__wasm__)
+/* A place for what Appell writes and reads, which is its own until it asks again. */
+#if !defined(APPELL_ROOM)
+#define APPELL_ROOM 65536
+#endif
+__attribute__((weak)) APPELL_EXPORT void *appell_room(size_t size)
+{
+    static _Alignas(16) unsigned char room[APPELL_ROOM];
+    return size <= sizeof room ? room : NULL;
+}
+
+/* Appell gives modules these, with the same bits on every machine. */
+#define APPELL_MATH(name) __attribute__((import_module("env"), import_name(#name))) double name
+APPELL_MATH(sin)(double);
+APPELL_MATH(cos)(double);
+APPELL_MATH(tan)(double);
+APPELL_MATH(asin)(double);
+APPELL_MATH(acos)(double);
+APPELL_MATH(atan)(double);
+APPELL_MATH(atan2)(double, double);
+APPELL_MATH(exp)(double);
+APPELL_MATH(log)(double);
+APPELL_MATH(pow)(double, double);
+APPELL_MATH(hypot)(double, double);
+APPELL_MATH(fmod)(double, double);
+APPELL_MATH(remainder)(double, double);
+#undef APPELL_MATH
+static inline double fabs(double x) { return __builtin_fabs(x); }
+static inline double sqrt(double x) { return __builtin_sqrt(x); }
+static inline double floor(double x) { return __builtin_floor(x); }
+static inline double fmin(double a, double b) { return a != a || b < a ? b : a; }
+static inline double fmax(double a, double b) { return a != a || b > a ? b : a; }
+#else
+#include <math.h>
+#endif
 
 #ifdef __cplusplus
 }

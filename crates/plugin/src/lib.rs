@@ -11,6 +11,7 @@
 
 mod conformance;
 mod contract;
+mod local;
 mod native;
 mod process;
 mod serve;
@@ -26,6 +27,7 @@ pub use contract::{Descriptor, Fault, Output, Parameter, Port};
 pub use process::Limits;
 pub use serve::serve;
 
+use local::Local;
 use native::Native;
 use process::{Kind, Process};
 
@@ -47,7 +49,7 @@ pub struct Plugin {
 #[derive(Debug)]
 enum Host {
     Process(Box<Process>),
-    Native(Native),
+    Local(Box<dyn Local>),
 }
 
 impl Plugin {
@@ -65,9 +67,9 @@ impl Plugin {
         }
         let bytes = std::fs::read(file).map_err(unreadable)?;
         let (host, described) = if limits.is_trusted && Kind::of(file) == Kind::Library {
-            let native = Native::open_copy(file)?;
+            let mut native = Native::open_copy(file)?;
             let described = native.describe()?;
-            (Host::Native(native), described)
+            (Host::Local(Box::new(native)), described)
         } else {
             let mut process = Process::start(file, limits)?;
             let described = process.describe()?;
@@ -96,7 +98,7 @@ impl Plugin {
     pub fn is_alive(&self) -> bool {
         match &self.host {
             Host::Process(process) => process.is_alive(),
-            Host::Native(_) => true,
+            Host::Local(local) => local.is_alive(),
         }
     }
 
@@ -113,7 +115,7 @@ impl Plugin {
         let member = self.next;
         match &mut self.host {
             Host::Process(process) => process.create(member, &parameters, context)?,
-            Host::Native(native) => native.create(member, &parameters, context)?,
+            Host::Local(local) => local.create(member, &parameters, context)?,
         }
         self.next += 1;
         Ok(member)
@@ -123,7 +125,7 @@ impl Plugin {
     pub fn destroy(&mut self, member: u32) {
         match &mut self.host {
             Host::Process(process) => drop(process.destroy(member)),
-            Host::Native(native) => native.destroy(member),
+            Host::Local(local) => local.destroy(member),
         }
     }
 
@@ -165,16 +167,13 @@ impl Plugin {
                 self.results.clear();
                 process.step(calls, width, &mut self.results)?;
             }
-            Host::Native(native) => {
+            Host::Local(local) => {
                 // What it leaves out is not taken from the step before.
                 self.results.resize(calls.len() * width, f64::NAN);
                 self.results.fill(f64::NAN);
-                let room = self.results.chunks_exact_mut(width);
-                for (k, (call, results)) in calls.iter().zip(room).enumerate() {
-                    native
-                        .step(call, results)
-                        .map_err(|problem| (k, Fault::new("step", problem)))?;
-                }
+                local
+                    .step_many(calls, width, &mut self.results)
+                    .map_err(|(k, problem)| (k, Fault::new("step", problem)))?;
             }
         }
         for (k, values) in self.results.chunks_exact(width).enumerate() {
@@ -195,7 +194,7 @@ impl Plugin {
     pub fn save(&mut self, member: u32) -> Result<Vec<u8>, Fault> {
         match &mut self.host {
             Host::Process(process) => process.save(member),
-            Host::Native(native) => told("save", native.save(member)),
+            Host::Local(local) => told("save", local.save(member)),
         }
     }
 
@@ -206,7 +205,7 @@ impl Plugin {
     pub fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), Fault> {
         match &mut self.host {
             Host::Process(process) => process.restore(member, bytes),
-            Host::Native(native) => told("restore", native.restore(member, bytes)),
+            Host::Local(local) => told("restore", local.restore(member, bytes)),
         }
     }
 
@@ -217,12 +216,12 @@ impl Plugin {
     pub fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), Fault> {
         match &mut self.host {
             Host::Process(process) => process.take_over(member, outputs),
-            Host::Native(native) => told("take_over", native.take_over(member, outputs)),
+            Host::Local(local) => told("take_over", local.take_over(member, outputs)),
         }
     }
 }
 
-/// What a library says of a call that failed.
+/// What a plug-in in this process says of a call that failed.
 fn told<R>(field: &str, result: Result<R, String>) -> Result<R, Fault> {
     result.map_err(|problem| Fault::new(field, problem))
 }

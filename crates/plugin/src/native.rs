@@ -14,6 +14,7 @@ use libloading::Library;
 use serde_json::Value;
 
 use crate::contract::Fault;
+use crate::local::Local;
 use crate::wire::{BODY_MAX, Call};
 
 /// Version of the C interface.
@@ -119,8 +120,22 @@ impl Native {
         }
     }
 
-    /// What it says of itself.
-    pub(crate) fn describe(&self) -> Result<Value, Fault> {
+    fn member(&self, member: u32) -> Result<*mut c_void, String> {
+        let known = self.members.iter().find(|(known, _)| *known == member);
+        known
+            .map(|(_, member)| member.0)
+            .ok_or_else(|| format!("has no member {member}"))
+    }
+
+    /// Why the last call failed, in its own words.
+    fn reason(&self, made: *mut c_void) -> Option<String> {
+        // SAFETY: the interface gives a text that ends with zero, or none, and takes no member for none.
+        self.reason.and_then(|reason| unsafe { text(reason(made)) })
+    }
+}
+
+impl Local for Native {
+    fn describe(&mut self) -> Result<Value, Fault> {
         // SAFETY: the interface gives a text that ends with zero, or none.
         let text = unsafe { text((self.describe)()) };
         let text = text.ok_or_else(|| Fault::new("describe", "must be a text, got none"))?;
@@ -128,7 +143,7 @@ impl Native {
             .map_err(|error| Fault::new("describe", format!("must be JSON: {error}")))
     }
 
-    pub(crate) fn create(
+    fn create(
         &mut self,
         member: u32,
         parameters: &[(String, f64)],
@@ -146,7 +161,7 @@ impl Native {
         Ok(())
     }
 
-    pub(crate) fn destroy(&mut self, member: u32) {
+    fn destroy(&mut self, member: u32) {
         if let Some(at) = self.members.iter().position(|(known, _)| *known == member) {
             let (_, Member(made)) = self.members.swap_remove(at);
             // SAFETY: made by `create`, and no longer known.
@@ -154,9 +169,8 @@ impl Native {
         }
     }
 
-    /// Steps one member; its outputs are written to `results`, which is as long as they are.
     #[inline]
-    pub(crate) fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String> {
+    fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String> {
         let made = self.member(call.member)?;
         let (input, output) = (call.input.as_ptr(), results.as_mut_ptr());
         // SAFETY: as many inputs and outputs as it described.
@@ -166,8 +180,7 @@ impl Native {
         }
     }
 
-    /// What a member remembers; nothing where the library has no function for it.
-    pub(crate) fn save(&mut self, member: u32) -> Result<Vec<u8>, String> {
+    fn save(&mut self, member: u32) -> Result<Vec<u8>, String> {
         let made = self.member(member)?;
         let Some(save) = self.save else {
             return Ok(Vec::new());
@@ -186,7 +199,7 @@ impl Native {
         }
     }
 
-    pub(crate) fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), String> {
+    fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), String> {
         let made = self.member(member)?;
         let Some(restore) = self.restore else {
             return match bytes.is_empty() {
@@ -201,7 +214,7 @@ impl Native {
         }
     }
 
-    pub(crate) fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), String> {
+    fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), String> {
         let made = self.member(member)?;
         let Some(take_over) = self.take_over else {
             return Ok(());
@@ -211,19 +224,6 @@ impl Native {
             0 => Ok(()),
             code => Err(self.reason(made).unwrap_or_else(|| format!("gave {code}"))),
         }
-    }
-
-    fn member(&self, member: u32) -> Result<*mut c_void, String> {
-        let known = self.members.iter().find(|(known, _)| *known == member);
-        known
-            .map(|(_, member)| member.0)
-            .ok_or_else(|| format!("has no member {member}"))
-    }
-
-    /// Why the last call failed, in its own words.
-    fn reason(&self, made: *mut c_void) -> Option<String> {
-        // SAFETY: the interface gives a text that ends with zero, or none, and takes no member for none.
-        self.reason.and_then(|reason| unsafe { text(reason(made)) })
     }
 }
 

@@ -50,7 +50,7 @@ pub fn serve(_file: &Path) -> std::io::Result<()> {
 
 #[cfg(unix)]
 struct Server {
-    native: crate::native::Native,
+    local: Box<dyn crate::local::Local>,
     described: serde_json::Value,
     /// Names of the parameters, and numbers of inputs and outputs.
     parameters: Vec<String>,
@@ -61,11 +61,11 @@ struct Server {
 #[cfg(unix)]
 impl Server {
     fn open(file: &Path) -> Result<Server, Fault> {
-        let native = crate::native::Native::open(file)?;
-        let described = native.describe()?;
+        let mut local = crate::local::load(file)?;
+        let described = local.describe()?;
         let descriptor = crate::Descriptor::read(described.clone())?;
         Ok(Server {
-            native,
+            local,
             described,
             parameters: descriptor.parameters.into_iter().map(|p| p.name).collect(),
             widths: [descriptor.inputs.len(), descriptor.outputs.len()],
@@ -92,21 +92,21 @@ impl Server {
                 };
                 let parameters: Vec<(String, f64)> = self.parameters.iter().map(value).collect();
                 let member = request["member"].as_u64().unwrap_or_default() as u32;
-                self.native
+                self.local
                     .create(member, &parameters, &request["context"])
                     .map_err(|fault| fault.problem)?;
             }
             kind::STEP => self.step(body, answer)?,
-            kind::DESTROY => self.native.destroy(member()?),
-            kind::SAVE => answer.extend(self.native.save(member()?)?),
-            kind::RESTORE => self.native.restore(member()?, &body[4..])?,
+            kind::DESTROY => self.local.destroy(member()?),
+            kind::SAVE => answer.extend(self.local.save(member()?)?),
+            kind::RESTORE => self.local.restore(member()?, &body[4..])?,
             kind::TAKE_OVER => {
                 let member = member()?;
                 let outputs = numbers(body.get(8..).unwrap_or_default());
                 if outputs.len() != self.widths[1] {
                     return Err("a request is too short".into());
                 }
-                self.native.take_over(member, &outputs)?;
+                self.local.take_over(member, &outputs)?;
             }
             _ => return Err(format!("requests of kind {kind} are unknown")),
         }
@@ -135,7 +135,7 @@ impl Server {
                 dt: input[1],
                 input: &input[2..],
             };
-            match self.native.step(&step, output) {
+            match self.local.step(&step, output) {
                 Ok(()) => {
                     answer.extend_from_slice(&[0; 8]);
                     let bytes = output.iter().flat_map(|value| value.to_le_bytes());

@@ -1,0 +1,67 @@
+//! What is common to the hosts that run a plug-in in the process they are in.
+
+use std::fmt::Debug;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::contract::Fault;
+use crate::wire::Call;
+
+/// A host whose plug-in runs in this process: beside the simulation, or in a child that serves it.
+///
+/// Members are made under numbers that the caller chooses. A text for an error is what the plug-in says.
+pub(crate) trait Local: Debug + Send {
+    /// What the plug-in says of itself.
+    fn describe(&mut self) -> Result<Value, Fault>;
+
+    /// Makes a member; parameters are complete and in the order of the description.
+    fn create(
+        &mut self,
+        member: u32,
+        parameters: &[(String, f64)],
+        context: &Value,
+    ) -> Result<(), Fault>;
+
+    /// Ends a member.
+    fn destroy(&mut self, member: u32);
+
+    /// Steps one member; its outputs are written to `results`, which is as long as they are.
+    fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String>;
+
+    /// Steps several members, with `width` outputs each; the place of the first that failed, and why.
+    fn step_many(
+        &mut self,
+        calls: &[Call<'_>],
+        width: usize,
+        results: &mut [f64],
+    ) -> Result<(), (usize, String)> {
+        for (k, (call, results)) in calls
+            .iter()
+            .zip(results.chunks_exact_mut(width))
+            .enumerate()
+        {
+            self.step(call, results).map_err(|problem| (k, problem))?;
+        }
+        Ok(())
+    }
+
+    /// What a member remembers.
+    fn save(&mut self, member: u32) -> Result<Vec<u8>, String>;
+
+    /// Gives a member back what one of its kind remembered.
+    fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), String>;
+
+    /// Tells a member what another block wrote last to its outputs.
+    fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), String>;
+
+    /// Whether it can still be spoken to.
+    fn is_alive(&self) -> bool {
+        true
+    }
+}
+
+/// Loads what is served from a process of its own.
+pub(crate) fn load(file: &Path) -> Result<Box<dyn Local>, Fault> {
+    Ok(Box::new(crate::native::Native::open(file)?))
+}
