@@ -84,7 +84,7 @@ __attribute__((weak)) APPELL_EXPORT void *appell_room(size_t size)
 }
 
 /* Appell gives modules these, with the same bits on every machine. */
-#define APPELL_MATH(name) __attribute__((import_module("env"), import_name(#name))) double name
+#define APPELL_MATH(name) __attribute__((import_module("env"), import_name(#name))) double appell_##name
 APPELL_MATH(sin)(double);
 APPELL_MATH(cos)(double);
 APPELL_MATH(tan)(double);
@@ -99,6 +99,19 @@ APPELL_MATH(hypot)(double, double);
 APPELL_MATH(fmod)(double, double);
 APPELL_MATH(remainder)(double, double);
 #undef APPELL_MATH
+#define sin appell_sin
+#define cos appell_cos
+#define tan appell_tan
+#define asin appell_asin
+#define acos appell_acos
+#define atan appell_atan
+#define atan2 appell_atan2
+#define exp appell_exp
+#define log appell_log
+#define pow appell_pow
+#define hypot appell_hypot
+#define fmod appell_fmod
+#define remainder appell_remainder
 static inline double fabs(double x) { return __builtin_fabs(x); }
 static inline double sqrt(double x) { return __builtin_sqrt(x); }
 static inline double floor(double x) { return __builtin_floor(x); }
