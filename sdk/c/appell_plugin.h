@@ -8,7 +8,8 @@
  *
  * or, without the C library, as a module of WebAssembly, which has the same functions:
  *
- *   clang --target=wasm32 -O2 -ffp-contract=off -mbulk-memory -nostdlib -Wl,--no-entry -o mine.wasm mine.c
+ *   clang --target=wasm32 -mbulk-memory -nostdlib -Wl,--no-entry,--export-dynamic -O2 -ffp-contract=off \
+ *     -o mine.wasm mine.c
  *
  * Units are SI, frames those of REP-103. A member is one life of the controller: of one robot, in one
  * trial. Its memory belongs into it, and nowhere else: then worlds can be saved and go on, and repetitions
@@ -22,9 +23,7 @@
 
 #define APPELL_ABI 1
 
-#if defined(__wasm__)
-#define APPELL_EXPORT __attribute__((visibility("default"), used))
-#elif defined(_WIN32)
+#if defined(_WIN32)
 #define APPELL_EXPORT __declspec(dllexport)
 #else
 #define APPELL_EXPORT __attribute__((visibility("default")))

@@ -15,6 +15,8 @@ mod local;
 mod native;
 mod process;
 mod serve;
+#[cfg(feature = "wasm")]
+mod wasm;
 pub mod wire;
 
 use std::collections::BTreeMap;
@@ -70,6 +72,10 @@ impl Plugin {
             let mut native = Native::open_copy(file)?;
             let described = native.describe()?;
             (Host::Local(Box::new(native)), described)
+        } else if Kind::of(file) == Kind::Module {
+            let mut module = module(&bytes, &limits)?;
+            let described = module.describe()?;
+            (Host::Local(module), described)
         } else {
             let mut process = Process::start(file, limits)?;
             let described = process.describe()?;
@@ -219,6 +225,21 @@ impl Plugin {
             Host::Local(local) => told("take_over", local.take_over(member, outputs)),
         }
     }
+}
+
+/// Makes an instance of a module.
+#[cfg(feature = "wasm")]
+fn module(bytes: &[u8], limits: &Limits) -> Result<Box<dyn Local>, Fault> {
+    Ok(Box::new(wasm::Wasm::open(bytes, limits)?))
+}
+
+/// Says what is missing.
+#[cfg(not(feature = "wasm"))]
+fn module(_bytes: &[u8], _limits: &Limits) -> Result<Box<dyn Local>, Fault> {
+    let problem = "needs the host for WebAssembly, without which this program was built";
+    Err(Fault::new("start", problem).hint(
+        "build it with --features wasm: cargo build --release --features wasm, once some minutes more",
+    ))
 }
 
 /// What a plug-in in this process says of a call that failed.

@@ -8,6 +8,9 @@ use serde_json::Value;
 use crate::contract::Fault;
 use crate::wire::Call;
 
+/// Version of the interface in C and of modules.
+pub(crate) const ABI: u32 = 1;
+
 /// A host whose plug-in runs in this process: beside the simulation, or in a child that serves it.
 ///
 /// Members are made under numbers that the caller chooses. A text for an error is what the plug-in says.

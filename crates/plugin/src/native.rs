@@ -14,11 +14,8 @@ use libloading::Library;
 use serde_json::Value;
 
 use crate::contract::Fault;
-use crate::local::Local;
+use crate::local::{ABI, Local};
 use crate::wire::{BODY_MAX, Call};
-
-/// Version of the C interface.
-const ABI: u32 = 1;
 
 type Abi = unsafe extern "C" fn() -> u32;
 type Describe = unsafe extern "C" fn() -> *const c_char;

@@ -15,10 +15,12 @@ use crate::wire::{self, Call, kind};
 pub struct Limits {
     /// Longest time until it has described itself, or made a member.
     pub start: Duration,
-    /// Longest time for an answer.
+    /// Longest time for an answer of a process.
     pub answer: Duration,
     /// Most memory that it can address, MiB.
     pub memory: u64,
+    /// Most instructions, about, of a module's step.
+    pub fuel: u64,
     /// Whether a library is loaded into this process, where nothing limits it.
     pub is_trusted: bool,
 }
@@ -29,6 +31,7 @@ impl Default for Limits {
             start: Duration::from_secs(10),
             answer: Duration::from_secs(1),
             memory: 4096,
+            fuel: 100_000_000,
             is_trusted: false,
         }
     }
@@ -54,6 +57,7 @@ pub struct Process {
 pub(crate) enum Kind {
     Python,
     Library,
+    Module,
     Program,
 }
 
@@ -63,6 +67,7 @@ impl Kind {
         match extension {
             Some("py") => Kind::Python,
             Some("so" | "dylib" | "dll") => Kind::Library,
+            Some("wasm") => Kind::Module,
             _ => Kind::Program,
         }
     }
@@ -117,7 +122,7 @@ impl Process {
                 vec![python, "-m".into(), "appell_plugin".into()]
             }
             Kind::Library => vec![server()?.into_os_string(), "plugin".into(), "serve".into()],
-            Kind::Program => Vec::new(),
+            Kind::Module | Kind::Program => Vec::new(),
         };
         words.push(path.into_os_string());
         Process::spawn(&words, limits, kind)
@@ -140,7 +145,9 @@ impl Process {
         let output = match kind {
             // It answers where it is asked, so that what its code prints is no message.
             Kind::Library => io::stderr().as_fd().try_clone_to_owned().map_err(failed)?,
-            Kind::Python | Kind::Program => OwnedFd::from(theirs.try_clone().map_err(failed)?),
+            Kind::Python | Kind::Module | Kind::Program => {
+                OwnedFd::from(theirs.try_clone().map_err(failed)?)
+            }
         };
         let mut command = Command::new("/bin/sh");
         command
@@ -187,7 +194,7 @@ impl Process {
             Kind::Library => {
                 "it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h"
             }
-            Kind::Program => {
+            Kind::Module | Kind::Program => {
                 "it must be a program that speaks Appell's messages, and may be executed"
             }
         };

@@ -309,8 +309,8 @@ pub struct Swap {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plugin {
-    /// File, relative to the scenario file: a Python file (`.py`), a library with the C interface (`.so`,
-    /// `.dylib`, `.dll`), or a program that speaks Appell's messages.
+    /// File, relative to the scenario file: a module of WebAssembly (`.wasm`), a Python file (`.py`), a
+    /// library with the C interface (`.so`, `.dylib`, `.dll`), or a program that speaks Appell's messages.
     pub file: String,
     /// Period, s.
     #[serde(default = "defaults::control_period")]
@@ -318,10 +318,13 @@ pub struct Plugin {
     /// Its parameters by name; those not named have its defaults.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, f64>,
-    /// Longest time that a step may take, s of the clock on the wall.
+    /// Longest time that a step of a process may take, s of the clock on the wall.
     #[serde(default = "defaults::time_limit")]
     pub time_limit: f64,
-    /// Most memory that its process can address, MiB.
+    /// Most instructions, about, that a step of a module may take: the same on every machine.
+    #[serde(default = "defaults::fuel")]
+    pub fuel: u64,
+    /// Most memory that it can address, MiB.
     #[serde(default = "defaults::memory")]
     pub memory: u64,
     /// What happens when it fails.

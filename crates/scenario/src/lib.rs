@@ -535,6 +535,9 @@ mod defaults {
     pub fn memory() -> u64 {
         4096
     }
+    pub fn fuel() -> u64 {
+        100_000_000
+    }
     pub fn speed() -> f64 {
         0.6
     }

@@ -133,6 +133,7 @@ impl<T: Scalar> Foreign<T> {
         let limits = Limits {
             answer: Duration::from_secs_f64(plugin.time_limit),
             memory: plugin.memory,
+            fuel: plugin.fuel,
             is_trusted: request.is_trusted,
             ..Limits::default()
         };

@@ -110,6 +110,8 @@ fn check_standby(c: &mut Checker, path: String, robot: &Robot, name: &str) {
 
 /// Most controllers that stand by.
 const STANDBY_MAX: usize = 32;
+/// Most instructions of a step of a plug-in.
+const FUEL_MAX: u64 = 1_000_000_000_000;
 /// Longest step of a plug-in, s, and most memory, MiB.
 const TIME_LIMIT_MAX: f64 = 3600.0;
 const MEMORY_MAX: u64 = 1 << 20;
@@ -136,6 +138,12 @@ fn check_plugin(c: &mut Checker, place: &Place<'_>, plugin: &Plugin, step: f64, 
         path("memory"),
         &format!("in [16, {MEMORY_MAX}] MiB"),
         memory,
+    );
+    c.require(
+        (1000..=FUEL_MAX).contains(&plugin.fuel),
+        path("fuel"),
+        &format!("in [1000, {FUEL_MAX}] instructions"),
+        plugin.fuel,
     );
     for (name, &value) in &plugin.parameters {
         c.finite(path(&format!("parameters.{name}")), value);
