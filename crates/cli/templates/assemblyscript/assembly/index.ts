@@ -111,9 +111,9 @@ export function appell_restore(member: usize, bytes: usize, length: usize): i32 
   return 0;
 }
 
-// One that takes over from another begins at its speed.
+// One that takes over from another begins at its speed, as far as it may.
 export function appell_take_over(member: usize, outputs: usize): i32 {
-  changetype<Member>(member).speed = at(outputs, Output.FORWARD);
+  changetype<Member>(member).speed = clamp(at(outputs, Output.FORWARD), -1.0, 1.0);
   return 0;
 }
 

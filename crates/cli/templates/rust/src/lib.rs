@@ -51,9 +51,9 @@ fn step(
     let turn = dy.atan2(dx) - inputs.yaw;
     let bearing = turn - TAU * (turn / TAU).round_ties_even();
 
-    // One that takes over from another begins at its speed.
+    // One that takes over from another begins at its speed, as far as it may.
     if let Some(before) = now.before {
-        memory.speed = before.forward;
+        memory.speed = before.forward.clamp(-1.0, 1.0);
     }
     // Speed up gently; brake so as to stop in time.
     let brakes = (2.0 * 0.3 * left.max(0.0)).sqrt();
