@@ -114,7 +114,7 @@ impl<C: Controller> Member<C> {
 }
 
 thread_local! {
-    /// Why no member was made.
+    /// Why no member was made, or where a module panicked.
     static REASON: RefCell<CString> = RefCell::default();
     /// What the host of a module writes and reads.
     static ROOM: RefCell<Vec<u64>> = const { RefCell::new(Vec::new()) };
@@ -131,6 +131,15 @@ fn panicked(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().copied();
     let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
     format!("panicked: {}", text.unwrap_or("with no text"))
+}
+
+/// Keeps what a panic says: in a module it ends in a trap, which says nothing.
+#[cfg(target_family = "wasm")]
+fn keep_panics() {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        std::panic::set_hook(Box::new(|panic| REASON.set(text(panic.to_string()))));
+    });
 }
 
 /// A text that ends where C ends it.
@@ -167,6 +176,8 @@ pub fn describe<C: Controller>() -> CString {
 /// # Safety
 /// As many parameters as described, and a text that ends with zero, or none.
 pub unsafe fn create<C: Controller>(parameters: *const f64, context: *const c_char) -> *mut c_void {
+    #[cfg(target_family = "wasm")]
+    keep_panics();
     let made = guarded(|| {
         // SAFETY: as demanded above.
         let parameters: C::Parameters = unsafe { read(parameters) };
@@ -269,7 +280,7 @@ pub unsafe fn step_many<C: Controller>(
     0
 }
 
-/// Why the last call failed.
+/// Why the last call failed; of no member, why none was made, or in a module after a trap, where it panicked.
 ///
 /// # Safety
 /// The member was made by [`create`], or is none.

@@ -54,8 +54,8 @@
 //! # Failure
 //!
 //! A step that gives `Err` is a fault with that text. A panic in a native library is caught and is a fault,
-//! too; in a module it is a trap, and ends the module. Outputs beyond their limits, or not finite, are refused
-//! by Appell.
+//! too; in a module it is a trap, and ends the module, and `appell_reason` of no member says where it was.
+//! Outputs beyond their limits, or not finite, are refused by Appell.
 
 pub mod border;
 mod describe;
