@@ -117,6 +117,21 @@ pub struct RunOptions {
     /// them.
     #[arg(long)]
     pub trust_native: bool,
+    /// Run in step with the clock, and replace a plug-in when its file changes; a line `ROBOT CONTROLLER`
+    /// on the standard input lets that controller take over.
+    #[arg(long)]
+    pub watch: bool,
+    /// Seconds of simulated time per second [default: as fast as can be; with --watch 1].
+    #[arg(long, value_name = "RATE", value_parser = pace)]
+    pub pace: Option<f64>,
+}
+
+/// A pace above zero.
+fn pace(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(pace) if pace.is_finite() && pace >= 1e-3 => Ok(pace),
+        _ => Err("must be a number of at least 0.001".into()),
+    }
 }
 
 /// Options of `check`.

@@ -7,6 +7,7 @@ mod batch;
 mod check;
 mod compare;
 mod inverse;
+mod live;
 mod new;
 mod plot;
 mod plugin;

@@ -15,6 +15,7 @@ use appell_sim::world::SimError;
 use serde_json::Value;
 
 use crate::arguments::RunOptions;
+use crate::live::Live;
 use crate::{exit, terminal};
 
 /// Most rows that a report is drawn from: 160 s at 100 Hz, thinned beyond.
@@ -73,7 +74,16 @@ type Execute<'a> =
     dyn FnMut(&mut dyn Recorder, &mut dyn FnMut(f64)) -> Result<Summary, SimError> + 'a;
 
 fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
+    let pace = options.pace.or(options.watch.then_some(1.0));
     let ran = if is_crowd(&loaded.scenario) {
+        if pace.is_some() {
+            terminal::error(&format!(
+                "{}: must have robots of count = 1 to be run with --watch or --pace\n  \
+                 hint: leave the option out, or --set robot.NAME.count=1",
+                loaded.file.display()
+            ));
+            return exit::BAD_INPUT;
+        }
         Crowd::new(loaded, Crew::default()).map(|mut crowd| {
             execute(
                 &mut |recorder, progress| crowd.execute(recorder, progress),
@@ -83,13 +93,32 @@ fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
             )
         })
     } else {
-        Run::new(loaded, 0).map(|mut run| {
-            execute(
-                &mut |recorder, progress| run.execute(recorder, progress),
+        Run::with_workshop(loaded, 0).map(|(mut run, workshop)| {
+            let workshop = options.watch.then_some(workshop);
+            let mut live =
+                (pace.is_some()).then(|| Live::new(pace, workshop, &loaded.folder, folder));
+            let ran = execute(
+                &mut |recorder, progress| match &mut live {
+                    None => run.execute(recorder, progress),
+                    Some(live) => {
+                        let ticks = live.ticks(&run);
+                        run.execute_with(recorder, ticks, &mut |run| {
+                            live.between(run);
+                            progress(run.world.now());
+                        })
+                    }
+                },
                 loaded,
                 folder,
                 options,
-            )
+            )?;
+            // What was done by hand is done by itself the next time.
+            if let Some(scenario) = run.repetition() {
+                let path = folder.join("scenario.toml");
+                std::fs::write(&path, scenario.to_toml())
+                    .map_err(|error| Failure::output(&path, error))?;
+            }
+            Ok(ran)
         })
     };
     let ran = match ran {

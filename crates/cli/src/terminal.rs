@@ -55,6 +55,11 @@ pub fn warning(text: &str) {
     complain("warning:", "1;33", text);
 }
 
+/// Prints what happens while something goes on, beside its results.
+pub fn remark(text: &str) {
+    eprintln!("{}", text.replace('\x1b', "\u{fffd}"));
+}
+
 fn complain(mark: &str, code: &str, text: &str) {
     let text = text.replace('\x1b', "\u{fffd}");
     if std::io::stderr().is_terminal() && COLOR.load(Ordering::Relaxed) {

@@ -76,6 +76,9 @@ impl Controller {
 /// What the first controller of a robot is called among those that stand by.
 pub const FIRST: &str = "controller";
 
+/// Most controllers of a robot that stand by.
+pub const STANDBY_MAX: usize = 60;
+
 impl Robot {
     /// Its controllers by name: the first one, then those that stand by.
     pub fn controllers(&self) -> impl Iterator<Item = (&str, &Controller)> {

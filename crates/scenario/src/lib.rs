@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 
 pub use batch::{Batch, Draw, Sampling, Variant, Vary};
 pub use control::{
-    Channel, Controller, FIRST, Follower, Heading, Law, OnFailure, Plugin, PoseSource, Signal,
-    Standby, Swap,
+    Channel, Controller, FIRST, Follower, Heading, Law, OnFailure, Plugin, PoseSource, STANDBY_MAX,
+    Signal, Standby, Swap,
 };
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};

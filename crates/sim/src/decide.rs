@@ -12,7 +12,7 @@ use crate::build::Values;
 use crate::controller::{
     NoiseSource, Signals, Track, Waveform, Waveforms, WheelNoise, path_follower, read_table,
 };
-use crate::foreign::{Foreign, Pool, Request};
+use crate::foreign::{Foreign, Pool, Reach, Request};
 use crate::noise::{Stream, Streams};
 use crate::plan::Path;
 use crate::plant::{Plant, command_signal};
@@ -38,8 +38,8 @@ pub(crate) struct Deciding<'a, 'b, T: Scalar> {
     pub key: (u64, u64),
     pub values: &'a Values<'b, T>,
     pub pool: &'a Arc<Pool>,
-    /// Signals that a plug-in may read.
-    pub known: Vec<Port>,
+    /// What a plug-in may read and write.
+    pub reach: Reach,
     /// Signals that are commanded from outside, to be added to.
     pub outsides: &'a mut Vec<Port>,
 }
@@ -137,16 +137,6 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             }
             Controller::Signals { channel, .. } => self.signals(&base, channel),
             Controller::Plugin(plugin) => {
-                // The servo steers; wheels that steer are not commanded one by one.
-                let steers = !self.platform.layout().steered.is_empty();
-                let wheels = self.platform.wheels().iter().filter(|_| !steers);
-                let commands: Vec<(String, Port)> = wheels
-                    .filter_map(|wheel| {
-                        let (field, _) = command_signal(&wheel.drive)?;
-                        let name = format!("wheel.{}.{field}", wheel.name);
-                        Some((name, command_port(robot, wheel)))
-                    })
-                    .collect();
                 let request = Request {
                     scenario: &self.loaded.scenario,
                     robot,
@@ -156,8 +146,7 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                     is_trusted: self.loaded.trust_native,
                     trial: self.key.1,
                     way: self.way.map(|(path, _)| path),
-                    known: &self.known,
-                    commands: &commands,
+                    reach: &self.reach,
                 };
                 let foreign = Foreign::<T>::new(&request, self.pool).map_err(|fault| {
                     let path = match fault.field.starts_with("parameters.") {
@@ -219,18 +208,30 @@ pub(crate) fn changes(scenario: &Scenario) -> Vec<Change> {
     changes
 }
 
-/// Signals of a robot that its plug-ins, if it has any, may read: motion and sensors.
-pub(crate) fn known_signals<T: Scalar>(
+/// What the plug-ins of a robot, if it has any, may read and write.
+pub(crate) fn reach<T: Scalar>(
     robot: &Robot,
+    platform: &Platform<T>,
     plant: &Plant<T>,
     sensors: &[(Box<dyn Block<T>>, u64)],
-) -> Vec<Port> {
+) -> Reach {
     let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
     if !robot.controllers().any(is_plugin) {
-        return Vec::new();
+        return Reach::default();
     }
     let sensed = sensors.iter().flat_map(|(sensor, _)| sensor.outputs());
-    plant.motion_ports().iter().chain(sensed).cloned().collect()
+    // The servo steers; wheels that steer are not commanded one by one.
+    let steers = !platform.layout().steered.is_empty();
+    let wheels = platform.wheels().iter().filter(|_| !steers);
+    let command = |wheel: &Wheel<T>| {
+        let (field, _) = command_signal(&wheel.drive)?;
+        let name = format!("wheel.{}.{field}", wheel.name);
+        Some((name, command_port(robot, wheel)))
+    };
+    Reach {
+        known: plant.motion_ports().iter().chain(sensed).cloned().collect(),
+        commands: wheels.filter_map(command).collect(),
+    }
 }
 
 fn channel_port<T: Scalar>(

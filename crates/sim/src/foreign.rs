@@ -102,10 +102,16 @@ pub(crate) struct Request<'a> {
     pub trial: u64,
     /// The way of its task, where there is one.
     pub way: Option<&'a plan::Path>,
-    /// Signals that it may read.
-    pub known: &'a [Port],
+    pub reach: &'a Reach,
+}
+
+/// What the plug-ins of a robot may read and write.
+#[derive(Clone, Default)]
+pub(crate) struct Reach {
+    /// Signals that they may read.
+    pub known: Vec<Port>,
     /// Commands of wheels: the name below the robot, and the signal that it stands for.
-    pub commands: &'a [(String, Port)],
+    pub commands: Vec<(String, Port)>,
 }
 
 /// Files of plug-ins with their SHA-256, a line each: what a scenario's text does not say of them.
@@ -314,7 +320,7 @@ impl Request<'_> {
 
     fn input(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
         let path = format!("{prefix}{name}");
-        let found = self.known.iter().find(|port| port.path == path);
+        let found = self.reach.known.iter().find(|port| port.path == path);
         let field = format!("inputs.{name}");
         match found {
             Some(port) => {
@@ -323,6 +329,7 @@ impl Request<'_> {
             }
             None => {
                 let names = self
+                    .reach
                     .known
                     .iter()
                     .filter_map(|p| p.path.strip_prefix(prefix));
@@ -345,7 +352,12 @@ impl Request<'_> {
             "command.yaw_rate" => "rad/s",
             "brake" => "1",
             _ if name.strip_prefix(OWN).is_some_and(|rest| !rest.is_empty()) => unit,
-            _ => match self.commands.iter().find(|(command, _)| command == name) {
+            _ => match self
+                .reach
+                .commands
+                .iter()
+                .find(|(command, _)| command == name)
+            {
                 Some((_, port)) if port.unit == unit => return Ok(port.clone()),
                 Some((_, port)) => port.unit.as_str(),
                 None => {
@@ -374,7 +386,7 @@ impl Request<'_> {
             "command.yaw_rate",
             "brake",
         ];
-        let wheels = self.commands.iter().map(|(name, _)| name.as_str());
+        let wheels = self.reach.commands.iter().map(|(name, _)| name.as_str());
         twist.into_iter().chain(wheels).collect()
     }
 }

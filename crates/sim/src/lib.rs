@@ -21,6 +21,7 @@ mod foreign;
 pub mod inverse;
 pub mod judge;
 pub mod layout;
+pub mod live;
 mod meter;
 pub mod noise;
 pub mod plan;

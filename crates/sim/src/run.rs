@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 use crate::block::Block;
 use crate::build::{self, Values};
 use crate::controller::Track;
-use crate::decide::{Deciding, changes, known_signals};
+use crate::decide::{Deciding, changes, reach};
 use crate::drawing::drawing;
-use crate::foreign::{Pool, digests};
+use crate::foreign::{Pool, Reach, digests};
 use crate::judge::{Judge, Verdict};
 use crate::layout::{Assignment, Goal, Layout};
+use crate::live::{Script, Workshop};
 use crate::meter::Meter;
 use crate::plan::{self, Path, PlanError};
 use crate::plant::{Numerics, Plant, Start};
@@ -142,6 +143,7 @@ pub struct Run {
     pub paths: Vec<Option<Path>>,
     scenario: Scenario,
     integrators: Vec<String>,
+    pub(crate) script: Script,
 }
 
 /// SHA-256 of a text, in hexadecimal.
@@ -174,13 +176,15 @@ pub(crate) struct Assembly<T: Scalar> {
     pub integrators: Vec<String>,
     /// Signals that are commanded from outside.
     pub outsides: Vec<crate::signal::Signal>,
+    /// What the plug-ins of each robot may read and write.
+    pub reaches: Vec<Reach>,
 }
 
 /// What trials of a batch share: ways that were planned, and plug-ins that run.
 #[derive(Default)]
 pub(crate) struct Plans {
     ways: Mutex<Vec<Plan>>,
-    plugins: Arc<Pool>,
+    pub plugins: Arc<Pool>,
 }
 
 struct Plan {
@@ -233,6 +237,7 @@ pub(crate) fn assemble<T: Scalar>(
     let mut robots = Vec::new();
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
     let mut outsides = Vec::new();
+    let mut reaches = Vec::new();
     for robot in &scenario.robot {
         if robot.count > 1 {
             return Err(refuse(
@@ -341,10 +346,11 @@ pub(crate) fn assemble<T: Scalar>(
             key,
             values,
             pool: &plans.plugins,
-            known: known_signals(robot, &plant, &sensors),
+            reach: reach(robot, &platform, &plant, &sensors),
             outsides: &mut outsides,
         };
         let (controllers, crew) = deciding.blocks()?;
+        reaches.push(deciding.reach);
         let follows = robot.controllers().filter(|(_, c)| c.follower().is_some());
         let judge_period = follows.fold(0.01_f64, |least, (_, c)| least.min(c.period()));
         robots.push(RobotBlocks {
@@ -376,6 +382,7 @@ pub(crate) fn assemble<T: Scalar>(
         assignments,
         integrators,
         outsides,
+        reaches,
     })
 }
 
@@ -385,8 +392,20 @@ impl Run {
         Run::planned(loaded, trial, &Plans::default())
     }
 
+    /// The same, with what new versions of its plug-ins are opened with while it goes on.
+    pub fn with_workshop(loaded: &Loaded, trial: u64) -> Result<(Run, Workshop), Diagnostics> {
+        let plans = Plans::default();
+        let (run, reaches) = Run::made(loaded, trial, &plans)?;
+        let workshop = Workshop::new(&run, reaches, loaded.trust_native, trial, &plans.plugins);
+        Ok((run, workshop))
+    }
+
     /// The same with ways that are known already.
     pub(crate) fn planned(loaded: &Loaded, trial: u64, plans: &Plans) -> Result<Run, Diagnostics> {
+        Run::made(loaded, trial, plans).map(|(run, _)| run)
+    }
+
+    fn made(loaded: &Loaded, trial: u64, plans: &Plans) -> Result<(Run, Vec<Reach>), Diagnostics> {
         let scenario = &loaded.scenario;
         let assembly = assemble(loaded, trial, plans, &Values::new(&[]))?;
         let world = World::wire(assembly.parts);
@@ -414,13 +433,20 @@ impl Run {
                 &assembly.integrators,
             ),
         };
-        Ok(Run {
+        let run = Run {
             world,
             header,
             paths,
             scenario: scenario.clone(),
             integrators: assembly.integrators,
-        })
+            script: Script::of(scenario),
+        };
+        Ok((run, assembly.reaches))
+    }
+
+    /// The scenario that is run.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
     }
 
     /// Steps to the end, into `recorder`; `progress` is told the time now and then.
@@ -428,6 +454,18 @@ impl Run {
         &mut self,
         recorder: &mut dyn Recorder,
         progress: &mut dyn FnMut(f64),
+    ) -> Result<Summary, SimError> {
+        self.execute_with(recorder, PROGRESS_TICKS, &mut |run| {
+            progress(run.world.now());
+        })
+    }
+
+    /// The same; at least every so many ticks `between` may look at the run, and change it.
+    pub fn execute_with(
+        &mut self,
+        recorder: &mut dyn Recorder,
+        ticks: u64,
+        between: &mut dyn FnMut(&mut Run),
     ) -> Result<Summary, SimError> {
         recorder.begin(&self.header)?;
         let mut meter = Meter::new(&self.scenario, &self.header.signals);
@@ -437,14 +475,14 @@ impl Run {
                 meter: &mut meter,
                 recorder: &mut *recorder,
             };
-            match self.world.advance_with(PROGRESS_TICKS, &mut listener) {
+            match self.world.advance_with(ticks, &mut listener) {
                 Ok(true) => {}
                 Ok(false) => break Ok(()),
                 Err(error) => break Err(error),
             }
-            if self.world.tick() - shown >= PROGRESS_TICKS {
+            if self.world.tick() - shown >= ticks {
                 shown = self.world.tick();
-                progress(self.world.now());
+                between(self);
             }
         };
         if let Err(error @ SimError::Record(_)) = result {

@@ -3,8 +3,8 @@
 use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 
-use super::{Slot, World};
-use crate::block::{BlockError, Recovery};
+use super::{Shared, Slot, World};
+use crate::block::{Block, BlockError, Recovery};
 use crate::record::Event;
 
 /// A change of controllers.
@@ -172,6 +172,115 @@ impl<T: Scalar> World<T> {
             position: Some([x, y]),
         };
         self.events.push((0, event));
+    }
+
+    /// Names of a robot's controllers.
+    pub(crate) fn crew(&self, robot: usize) -> &[String] {
+        &self.rosters[robot].names
+    }
+
+    /// Place of the controller of a robot that runs.
+    pub(crate) fn active(&self, robot: usize) -> usize {
+        self.rosters[robot].active
+    }
+
+    /// Adds a change that is due now, or later.
+    pub(crate) fn schedule(&mut self, change: Change) {
+        let after = self.changes.partition_point(|one| one.tick <= change.tick);
+        self.changes.insert(after.max(self.next_change), change);
+    }
+
+    /// Lets another controller take over where `from` would have.
+    pub(crate) fn redirect(&mut self, robot: usize, from: usize, to: usize) {
+        for change in &mut self.changes[self.next_change..] {
+            if change.robot == robot && change.to == from {
+                change.to = to;
+            }
+        }
+    }
+
+    /// Adds a controller to a robot, in every way like another of its own; its place, or why not.
+    pub(crate) fn join(
+        &mut self,
+        robot: usize,
+        like: usize,
+        name: String,
+        block: Box<dyn Block<T>>,
+    ) -> Result<usize, String> {
+        let column = |path: &str| {
+            self.column(path).ok_or_else(|| {
+                format!("{path}: must be among the signals from the beginning of the run")
+            })
+        };
+        let inputs = block.inputs().iter().map(|port| column(&port.path));
+        let inputs: Vec<usize> = inputs.collect::<Result<_, _>>()?;
+        let outputs = block.outputs().iter().map(|port| column(&port.path));
+        let columns: Vec<usize> = outputs.collect::<Result<_, _>>()?;
+        for (port, &k) in block.outputs().iter().zip(&columns) {
+            if port.unit != self.signals[k].unit {
+                return Err(format!(
+                    "{}: must be in {}, got {}",
+                    port.path, self.signals[k].unit, port.unit
+                ));
+            }
+        }
+        let is_of = |slot: &Slot<T>| slot.robot == robot;
+        let begin = self.controllers.iter().position(is_of);
+        let begin = begin.ok_or("the robot has no controller")?;
+        let new = self.rosters[robot].names.len();
+        let is_twisted =
+            |ports: &[crate::block::Port]| ports.iter().any(|p| p.path.contains(".command."));
+        let old = &self.controllers[begin + like];
+        if is_twisted(old.block.outputs()) != is_twisted(block.outputs()) {
+            return Err("must command what its predecessor did: the twist, or the wheels".into());
+        }
+        let due = old.due;
+        for (k, slot) in self
+            .controllers
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, slot)| slot.robot == robot)
+        {
+            if k < begin + new {
+                // One that was alone ran always.
+                slot.with = 1 << (k - begin);
+            } else if slot.with != u64::MAX && slot.with & (1 << like) != 0 {
+                slot.with |= 1 << new;
+            }
+        }
+        let slot = Slot {
+            buffer: vec![T::zero(); inputs.len()],
+            inputs,
+            outputs: 0..0,
+            block,
+            due,
+            robot,
+            with: 1 << new,
+            shared: Some(Shared {
+                values: vec![T::zero(); columns.len()],
+                columns,
+            }),
+        };
+        self.controllers.insert(begin + new, slot);
+        self.rosters[robot].names.push(name);
+        Ok(new)
+    }
+
+    /// Writes down that a controller could not take over.
+    pub(crate) fn refuse(&mut self, robot: usize, to: &str, problem: &str) {
+        let roster = &self.rosters[robot];
+        let from = roster.names[roster.active].clone();
+        let text = format!("{to} could not take over, {from} goes on: {problem}");
+        let t = T::from_lanes(|lane| self.time(lane));
+        self.swapped.push(Swapped {
+            t: t.lane(0),
+            robot: self.referees[robot].robot.clone(),
+            from,
+            to: to.to_owned(),
+            hash: None,
+            refused: Some(problem.to_owned()),
+        });
+        self.tell(robot, "swap", text, t);
     }
 
     /// Controllers that failed so far, where the run went on.

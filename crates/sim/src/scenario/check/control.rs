@@ -108,8 +108,6 @@ fn check_standby(c: &mut Checker, path: String, robot: &Robot, name: &str) {
     }
 }
 
-/// Most controllers that stand by.
-const STANDBY_MAX: usize = 32;
 /// Most instructions of a step of a plug-in.
 const FUEL_MAX: u64 = 1_000_000_000_000;
 /// Longest step of a plug-in, s, and most memory, MiB.

@@ -1,0 +1,297 @@
+//! Changes of controllers that nobody planned: on command, or because a file changed while the run went on.
+//!
+//! A new version of a plug-in is opened apart from the run ([`Workshop::open`]), on another thread if need
+//! be, and joins it between two steps ([`Run::install`]). What was changed is written down as a scenario that
+//! does the same at the same times ([`Run::repetition`]): a run of that one has the same signals and events.
+
+use std::path::{Path as FilePath, PathBuf};
+use std::sync::Arc;
+
+use appell_plugin::Fault;
+
+use crate::foreign::{Foreign, Pool, Reach, Request};
+use crate::plan::Path;
+use crate::run::Run;
+use crate::scenario::{Controller, Plugin, Robot, STANDBY_MAX, Scenario, Standby, Swap};
+use crate::world::Change;
+
+/// What new versions of a run's plug-ins are opened with.
+pub struct Workshop {
+    scenario: Scenario,
+    is_trusted: bool,
+    trial: u64,
+    reaches: Vec<Reach>,
+    paths: Vec<Option<Path>>,
+    pool: Arc<Pool>,
+}
+
+/// A plug-in of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// Name of the robot.
+    pub robot: String,
+    /// Name among the robot's controllers.
+    pub controller: String,
+    /// File, as the scenario names it.
+    pub file: String,
+}
+
+/// A new version of a plug-in, ready to join.
+pub struct Successor {
+    robot: usize,
+    /// Whose place it takes, and its own name.
+    of: String,
+    name: String,
+    block: Foreign<f64>,
+    plugin: Plugin,
+}
+
+/// Why a change could not be made.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Unchanged(String);
+
+impl Workshop {
+    pub(crate) fn new(
+        run: &Run,
+        reaches: Vec<Reach>,
+        is_trusted: bool,
+        trial: u64,
+        pool: &Arc<Pool>,
+    ) -> Self {
+        Workshop {
+            scenario: run.scenario().clone(),
+            is_trusted,
+            trial,
+            reaches,
+            paths: run.paths.clone(),
+            pool: pool.clone(),
+        }
+    }
+
+    /// The plug-ins that the scenario names.
+    pub fn sources(&self) -> Vec<Source> {
+        let of_robot = |robot: &Robot| {
+            let source = |(name, controller): (&str, &Controller)| match controller {
+                Controller::Plugin(plugin) => Some(Source {
+                    robot: robot.name.clone(),
+                    controller: name.to_owned(),
+                    file: plugin.file.clone(),
+                }),
+                _ => None,
+            };
+            robot.controllers().filter_map(source).collect::<Vec<_>>()
+        };
+        self.scenario.robot.iter().flat_map(of_robot).collect()
+    }
+
+    /// Opens another version of a plug-in: `file`, relative to `folder`, under a `name` of its own among the
+    /// robot's controllers.
+    ///
+    /// # Errors
+    /// It cannot be opened, or does not fit the robot.
+    pub fn open(
+        &self,
+        source: &Source,
+        name: &str,
+        file: &str,
+        folder: &FilePath,
+    ) -> Result<Successor, Fault> {
+        let named = |robot: &Robot| robot.name == source.robot;
+        let index = self.scenario.robot.iter().position(named);
+        let index = index.expect("a source names a robot of the scenario");
+        let robot = &self.scenario.robot[index];
+        let mut controllers = robot.controllers();
+        let of_name = |(known, _): &(&str, &Controller)| *known == source.controller;
+        let Some((_, Controller::Plugin(plugin))) = controllers.find(of_name) else {
+            unreachable!("a source names a plug-in of its robot");
+        };
+        let plugin = Plugin {
+            file: file.to_owned(),
+            ..plugin.clone()
+        };
+        let request = Request {
+            scenario: &self.scenario,
+            robot,
+            name,
+            plugin: &plugin,
+            folder,
+            is_trusted: self.is_trusted,
+            trial: self.trial,
+            way: self.paths[index].as_ref(),
+            reach: &self.reaches[index],
+        };
+        let block = Foreign::new(&request, &self.pool)?;
+        Ok(Successor {
+            robot: index,
+            of: source.controller.clone(),
+            name: name.to_owned(),
+            block,
+            plugin,
+        })
+    }
+}
+
+/// What was changed by hand, as a scenario would say it.
+#[derive(Default)]
+pub(crate) struct Script {
+    /// Versions, in the order in which they joined: robot and controller.
+    joined: Vec<(usize, Standby)>,
+    /// All changes, planned ones, too.
+    swaps: Vec<Swap>,
+    is_changed: bool,
+}
+
+impl Script {
+    pub(crate) fn of(scenario: &Scenario) -> Self {
+        Script {
+            swaps: scenario.swap.clone(),
+            ..Script::default()
+        }
+    }
+}
+
+impl Run {
+    /// Lets another of a robot's controllers take over at the next step.
+    ///
+    /// # Errors
+    /// There is no such robot or controller.
+    pub fn swap(&mut self, robot: &str, to: &str) -> Result<(), Unchanged> {
+        let mut robots = self.scenario().robot.iter();
+        let index = robots.position(|known| known.name == robot);
+        let Some(index) = index else {
+            let names: Vec<&str> = self
+                .scenario()
+                .robot
+                .iter()
+                .map(|r| r.name.as_str())
+                .collect();
+            return Err(Unchanged(format!(
+                "must be the name of a robot, got {robot:?}; one of {}",
+                names.join(", ")
+            )));
+        };
+        let names = self.world.crew(index);
+        let Some(place) = names.iter().position(|known| known == to) else {
+            return Err(Unchanged(format!(
+                "must be the name of a controller of robot {robot:?}, got {to:?}; one of {}",
+                names.join(", ")
+            )));
+        };
+        self.schedule(index, place);
+        Ok(())
+    }
+
+    fn schedule(&mut self, robot: usize, to: usize) {
+        let tick = self.world.tick();
+        self.world.schedule(Change { tick, robot, to });
+        let swap = Swap {
+            at: tick as f64 * self.scenario().time.step,
+            robot: self.scenario().robot[robot].name.clone(),
+            to: self.world.crew(robot)[to].clone(),
+        };
+        self.script.swaps.push(swap);
+        self.script.is_changed = true;
+    }
+
+    /// Lets a new version of a plug-in join, which takes over at the next step if the old one drives, and
+    /// later where the old one would have.
+    ///
+    /// # Errors
+    /// It reads or writes what the table of this run has no column for, or commands something else.
+    pub fn install(&mut self, successor: Successor) -> Result<(), Unchanged> {
+        let Successor {
+            robot,
+            of,
+            name,
+            block,
+            plugin,
+        } = successor;
+        let crew = self.world.crew(robot);
+        if crew.len() > STANDBY_MAX {
+            return Err(Unchanged(format!(
+                "there are {STANDBY_MAX} versions already; start the run anew"
+            )));
+        }
+        // Of versions the newest.
+        let versions: Vec<&str> = self
+            .script
+            .joined
+            .iter()
+            .filter(|(at, _)| *at == robot)
+            .map(|(_, standby)| standby.name.as_str())
+            .collect();
+        let is_version =
+            |known: &str| known == of || versions.contains(&known) && of_line(known, &of);
+        let like = crew.iter().rposition(|known| is_version(known));
+        let like = like.expect("a successor has a predecessor");
+        let new = self
+            .world
+            .join(robot, like, name.clone(), Box::new(block))
+            .map_err(Unchanged)?;
+        let old = self.world.crew(robot)[like].clone();
+        let tick = self.world.tick();
+        let at = tick as f64 * self.scenario().time.step;
+        let robot_name = self.scenario().robot[robot].name.clone();
+        for swap in &mut self.script.swaps {
+            if swap.at >= at && swap.robot == robot_name && swap.to == old {
+                swap.to.clone_from(&name);
+            }
+        }
+        self.world.redirect(robot, like, new);
+        let controller = Controller::Plugin(plugin);
+        self.script
+            .joined
+            .push((robot, Standby { name, controller }));
+        self.script.is_changed = true;
+        if self.world.active(robot) == like {
+            self.schedule(robot, new);
+        }
+        Ok(())
+    }
+
+    /// Writes down that a new version of a plug-in was refused: the old one goes on.
+    pub fn refuse(&mut self, source: &Source, name: &str, problem: &str) {
+        let named = |robot: &Robot| robot.name == source.robot;
+        if let Some(robot) = self.scenario().robot.iter().position(named) {
+            self.world.refuse(robot, name, problem);
+        }
+    }
+
+    /// The scenario that does by itself what was done by hand, if anything was; files of versions are as
+    /// they were given to [`Workshop::open`].
+    pub fn repetition(&self) -> Option<Scenario> {
+        if !self.script.is_changed {
+            return None;
+        }
+        let mut scenario = self.scenario().clone();
+        for (robot, standby) in &self.script.joined {
+            scenario.robot[*robot].standby.push(standby.clone());
+        }
+        scenario.swap = self.script.swaps.clone();
+        Some(scenario)
+    }
+}
+
+/// The name of the k-th version of a controller, counted from 1.
+pub fn version(of: &str, k: usize) -> String {
+    format!("{of}-v{k}")
+}
+
+/// Whether a name is that of a version.
+fn of_line(name: &str, of: &str) -> bool {
+    let number = name
+        .strip_prefix(of)
+        .and_then(|rest| rest.strip_prefix("-v"));
+    number.is_some_and(|number| number.parse::<usize>().is_ok())
+}
+
+/// A file's name with its version in it: `follow.py`, the second, is `follow-v2.py`.
+pub fn version_file(file: &FilePath, k: usize) -> PathBuf {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let name = match file.extension() {
+        Some(extension) => format!("{}.{}", version(&stem, k), extension.to_string_lossy()),
+        None => version(&stem, k),
+    };
+    file.with_file_name(name)
+}
