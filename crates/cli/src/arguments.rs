@@ -401,10 +401,11 @@ pub enum PluginCommand {
         #[arg(default_value = ".")]
         folder: PathBuf,
     },
-    /// Test a plug-in: ports, repeatability, memory, limits, speed.
+    /// Test plug-ins: ports, repeatability, memory, limits, speed; of several, whether they give the same.
     Test {
-        /// File of the plug-in.
-        file: PathBuf,
+        /// Files of plug-ins.
+        #[arg(required = true, value_name = "FILE")]
+        files: Vec<PathBuf>,
         /// Steps of each test.
         #[arg(long, default_value_t = 200)]
         steps: usize,
@@ -427,6 +428,11 @@ pub enum Language {
     Python,
     /// A shared library, with the header of `sdk/c`.
     C,
+    /// A module of WebAssembly, or a shared library, from the crate of `sdk/rust`.
+    Rust,
+    /// A module of WebAssembly.
+    #[value(name = "assemblyscript")]
+    AssemblyScript,
 }
 
 /// Options of `schema`.

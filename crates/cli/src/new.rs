@@ -52,7 +52,11 @@ pub fn write(folder: &Path, files: &[(&str, &str)], first: &[String]) -> u8 {
     }
     let written = std::fs::create_dir_all(folder).and_then(|()| {
         let mut files = files.iter();
-        files.try_for_each(|(name, text)| std::fs::write(folder.join(name), text))
+        files.try_for_each(|(name, text)| {
+            let file = folder.join(name);
+            std::fs::create_dir_all(file.parent().unwrap_or(folder))?;
+            std::fs::write(file, text)
+        })
     });
     if let Err(error) = written {
         terminal::error(&format!("{}: cannot be written: {error}", folder.display()));

@@ -74,6 +74,16 @@ pub fn conformance(file: &Path, limits: &Limits, steps: usize) -> Result<Vec<Fin
     Ok(findings)
 }
 
+/// What the plug-in of a file gives for the inputs of [`conformance`], a row for each step.
+///
+/// # Errors
+/// It cannot be started, or fails.
+pub fn answers(file: &Path, limits: &Limits, steps: usize) -> Result<Vec<Vec<f64>>, Fault> {
+    let mut plugin = Plugin::open(file, limits.clone())?;
+    let inputs = inputs(plugin.descriptor().inputs.len(), steps);
+    run(&mut plugin, &context(), &inputs)
+}
+
 /// Where the tests take place: an arena with a beacon, and a straight way to it.
 fn context() -> Value {
     let points: Vec<[f64; 2]> = (0..=200)

@@ -24,7 +24,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-pub use conformance::{Finding, conformance};
+pub use conformance::{Finding, answers, conformance};
 pub use contract::{Descriptor, Fault, Output, Parameter, Port};
 pub use process::Limits;
 pub use serve::serve;

@@ -261,8 +261,16 @@ impl Wasm {
 
     #[cold]
     fn die(&mut self, error: &wasmtime::Error, fuel: u64) -> String {
+        let told = why(error, fuel);
+        // A panic in Rust leaves its text behind.
+        let panic = match error.downcast_ref() {
+            Some(Trap::UnreachableCodeReached) => self.reason(0),
+            _ => None,
+        };
         self.is_dead = true;
-        why(error, fuel)
+        panic
+            .filter(|text| text.starts_with("panicked"))
+            .unwrap_or(told)
     }
 
     /// The address of a place of at least so many bytes in its memory.
@@ -334,7 +342,8 @@ impl Wasm {
     /// Why the last call failed, in its own words.
     fn reason(&mut self, member: i32) -> Option<String> {
         let reason = self.reason.clone()?;
-        let at = self.call(self.fuel, &reason, member).ok()?;
+        self.store.set_fuel(self.fuel).ok()?;
+        let at = reason.call(&mut self.store, member).ok()?;
         self.text(at).ok()?
     }
 
