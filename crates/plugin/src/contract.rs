@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::wire::PROTOCOL;
 
 /// Most ports, and most parameters, of a plug-in.
-const PORTS_MAX: usize = 1024;
+pub(crate) const PORTS_MAX: usize = 1024;
 /// Longest text on what is wrong, characters.
 const PROBLEM_MAX: usize = 600;
 /// Longest name of anything, bytes.
@@ -246,15 +246,19 @@ impl Descriptor {
     }
 }
 
+/// Whether a text can name a port or a parameter.
+pub(crate) fn is_name(text: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    !text.is_empty() && text.len() <= NAME_MAX && text.chars().all(is_plain)
+}
+
 fn check_names<'a>(
     list: &str,
     names: impl Iterator<Item = (&'a String, &'a String)>,
 ) -> Result<(), Fault> {
     let mut seen = BTreeSet::new();
     for (name, unit) in names {
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
-        let well = !name.is_empty() && name.len() <= NAME_MAX && name.chars().all(is_plain);
-        if !well || unit.len() > NAME_MAX {
+        if !is_name(name) || unit.len() > NAME_MAX {
             let shown: String = name.chars().take(40).collect();
             let problem = format!("names must be letters, digits, '.', '_' and '-', got {shown:?}");
             return Err(Fault::new(format!("describe.{list}"), problem));

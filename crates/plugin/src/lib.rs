@@ -7,10 +7,13 @@
 //!
 //! This crate knows nothing of robots. A plug-in runs in a child process and talks over its standard
 //! input and output; the messages are those of [`wire`], which the book documents for other languages. A
-//! library with a C interface is served by a child as well, or loaded into this process where it is trusted.
+//! library with a C interface is served by a child as well, or loaded into this process where it is trusted. An
+//! FMU is always served by a child.
 
 mod conformance;
 mod contract;
+mod fmu;
+mod folder;
 mod local;
 mod native;
 mod process;

@@ -6,6 +6,9 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::contract::Fault;
+use crate::fmu::Fmu;
+use crate::native::Native;
+use crate::process::Kind;
 use crate::wire::Call;
 
 /// Version of the interface in C and of modules.
@@ -66,5 +69,14 @@ pub(crate) trait Local: Debug + Send {
 
 /// Loads what is served from a process of its own.
 pub(crate) fn load(file: &Path) -> Result<Box<dyn Local>, Fault> {
-    Ok(Box::new(crate::native::Native::open(file)?))
+    if Kind::of(file) != Kind::Fmu {
+        return Ok(Box::new(Native::open(file)?));
+    }
+    let file = std::path::absolute(file)
+        .map_err(|error| Fault::new("file", format!("cannot be found: {error}")))?;
+    let fmu = Fmu::open(&file)?;
+    // What some write beside themselves goes with the folder.
+    std::env::set_current_dir(fmu.folder())
+        .map_err(|error| Fault::new("start", format!("cannot be entered: {error}")))?;
+    Ok(Box::new(fmu))
 }

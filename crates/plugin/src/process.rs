@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::contract::Fault;
+use crate::folder::Folder;
 use crate::wire::{self, Call, kind};
 
 /// What a plug-in may take.
@@ -50,6 +51,8 @@ pub struct Process {
     kind: Kind,
     /// Of the last request.
     number: u16,
+    /// Where an FMU is unpacked: it goes even if the child was ended before it could see to that.
+    _folder: Option<Folder>,
 }
 
 /// What a file is, by its name.
@@ -58,6 +61,7 @@ pub(crate) enum Kind {
     Python,
     Library,
     Module,
+    Fmu,
     Program,
 }
 
@@ -68,12 +72,13 @@ impl Kind {
             Some("py") => Kind::Python,
             Some("so" | "dylib" | "dll") => Kind::Library,
             Some("wasm") => Kind::Module,
+            Some("fmu") => Kind::Fmu,
             _ => Kind::Program,
         }
     }
 }
 
-/// The program `appell`, which loads libraries in processes of their own.
+/// The program `appell`, which loads libraries and FMUs in processes of their own.
 fn server() -> Result<PathBuf, Fault> {
     if let Some(named) = std::env::var_os("APPELL_EXECUTABLE") {
         return Ok(named.into());
@@ -83,7 +88,7 @@ fn server() -> Result<PathBuf, Fault> {
     own.filter(is_appell).ok_or_else(|| {
         Fault::new(
             "start",
-            "libraries are loaded by the program appell, which is not known",
+            "libraries and FMUs are loaded by the program appell, which is not known",
         )
         .hint("name it in APPELL_EXECUTABLE")
     })
@@ -101,7 +106,7 @@ enum Break {
 
 impl Process {
     /// Starts the program of a file: with Python where it ends in `.py`, with Appell itself where it is a
-    /// library, else by itself.
+    /// library or an FMU, else by itself.
     pub(crate) fn start(file: &Path, limits: Limits) -> Result<Process, Fault> {
         // A path without a folder would be looked for among the installed programs.
         let path = std::path::absolute(file)
@@ -121,7 +126,9 @@ impl Process {
                 let python = std::env::var_os("APPELL_PYTHON").unwrap_or_else(|| "python3".into());
                 vec![python, "-m".into(), "appell_plugin".into()]
             }
-            Kind::Library => vec![server()?.into_os_string(), "plugin".into(), "serve".into()],
+            Kind::Library | Kind::Fmu => {
+                vec![server()?.into_os_string(), "plugin".into(), "serve".into()]
+            }
             Kind::Module | Kind::Program => Vec::new(),
         };
         words.push(path.into_os_string());
@@ -144,7 +151,9 @@ impl Process {
         let (ours, theirs) = UnixStream::pair().map_err(failed)?;
         let output = match kind {
             // It answers where it is asked, so that what its code prints is no message.
-            Kind::Library => io::stderr().as_fd().try_clone_to_owned().map_err(failed)?,
+            Kind::Library | Kind::Fmu => {
+                io::stderr().as_fd().try_clone_to_owned().map_err(failed)?
+            }
             Kind::Python | Kind::Module | Kind::Program => {
                 OwnedFd::from(theirs.try_clone().map_err(failed)?)
             }
@@ -170,6 +179,11 @@ impl Process {
                 command.env("PYTHONPATH", paths);
             }
         }
+        let folder = (kind == Kind::Fmu).then(Folder::new);
+        let folder = folder.transpose().map_err(failed)?;
+        if let Some(folder) = &folder {
+            command.env("TMPDIR", folder.path());
+        }
         let child = command.spawn().map_err(failed)?;
         Ok(Process {
             child,
@@ -179,6 +193,7 @@ impl Process {
             body: Vec::new(),
             kind,
             number: 0,
+            _folder: folder,
         })
     }
 
@@ -193,6 +208,9 @@ impl Process {
             }
             Kind::Library => {
                 "it must be a shared library for this machine, with the functions of sdk/c/appell_plugin.h"
+            }
+            Kind::Fmu => {
+                "it must be an FMU for co-simulation, of FMI 2.0 or 3.0, with a binary for this machine"
             }
             Kind::Module | Kind::Program => {
                 "it must be a program that speaks Appell's messages, and may be executed"
