@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{Robot, defaults};
+use crate::{DriveChoice, Level, Robot, defaults};
 
 /// What decides.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -88,6 +88,26 @@ impl Robot {
             .iter()
             .map(|s| (s.name.as_str(), &s.controller));
         first.chain(standby)
+    }
+}
+
+impl Robot {
+    /// Names of its models: the first one, then those that stand by.
+    pub fn models(&self) -> impl Iterator<Item = &str> {
+        let standby = self.model.iter().map(|model| model.name.as_str());
+        std::iter::once(FIRST_MODEL).chain(standby)
+    }
+
+    /// Its plug-ins, of controllers and of models.
+    pub fn plugins(&self) -> impl Iterator<Item = &Plugin> {
+        let controllers = self
+            .controllers()
+            .filter_map(|(_, controller)| match controller {
+                Controller::Plugin(plugin) => Some(plugin),
+                _ => None,
+            });
+        let models = self.model.iter();
+        controllers.chain(models.filter_map(|model| model.plugin.as_ref()))
     }
 }
 
@@ -296,7 +316,27 @@ pub struct Standby {
     pub controller: Controller,
 }
 
-/// A change of controllers at a time. The robot goes on; the new one is told what the old one wrote last.
+/// What the first model of a robot is called among those that stand by.
+pub const FIRST_MODEL: &str = "model";
+
+/// A model that stands by: another level of the same robot, or a model of your own.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Model {
+    /// Name, unique among the robot's models and controllers; `model` is that of the first one.
+    pub name: String,
+    /// Level of the model; the robot's if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub level: Option<Level>,
+    /// Drives at level `rolling`; the robot's if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drive: Option<DriveChoice>,
+    /// A model of your own instead: it reads commands, and writes pose and twist.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plugin: Option<Plugin>,
+}
+
+/// A change of controllers, or of models, at a time. The robot goes on; the new one is told what the old one wrote last.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Swap {
@@ -304,7 +344,8 @@ pub struct Swap {
     pub at: f64,
     /// Name of the robot.
     pub robot: String,
-    /// Name of the one that takes over: of a standby, or `controller` for the first one.
+    /// Name of the one that takes over: of a controller or model that stands by, or `controller` or
+    /// `model` for the first one.
     pub to: String,
 }
 

@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 
 pub use batch::{Batch, Draw, Sampling, Variant, Vary};
 pub use control::{
-    Channel, Controller, FIRST, Follower, Heading, Law, OnFailure, Plugin, PoseSource, STANDBY_MAX,
-    Signal, Standby, Swap,
+    Channel, Controller, FIRST, FIRST_MODEL, Follower, Heading, Law, Model, OnFailure, Plugin,
+    PoseSource, STANDBY_MAX, Signal, Standby, Swap,
 };
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};
@@ -274,6 +274,9 @@ pub struct Robot {
     /// Controllers that can take over, at a time (`[[swap]]`) or when another fails (`fallback`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub standby: Vec<Standby>,
+    /// Models that can take over, at a time (`[[swap]]`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub model: Vec<Model>,
     /// The cascade from twist to wheel rates to drive commands.
     #[serde(default)]
     pub servo: Servo,

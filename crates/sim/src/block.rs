@@ -41,7 +41,7 @@ pub enum Recovery {
     End,
     /// The block has written zeros, and goes on doing so.
     Stop,
-    /// The robot's controller of this place takes over.
+    /// The robot's controller, or of a model the model, of this place takes over.
     Swap(usize),
 }
 

@@ -3,26 +3,28 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use appell_model::ground::Ground;
 use appell_model::platform::Platform;
 use appell_model::scalar::Scalar;
 use appell_model::wheel::Wheel;
+use appell_plugin::Fault;
 
 use crate::block::{Block, Port};
-use crate::build::Values;
+use crate::build::{self, Values};
 use crate::controller::{
     NoiseSource, Signals, Track, Waveform, Waveforms, WheelNoise, path_follower, read_table,
 };
-use crate::foreign::{Foreign, Pool, Reach, Request};
+use crate::foreign::{Foreign, Pool, Reach, Request, Role};
 use crate::noise::{Stream, Streams};
 use crate::plan::Path;
-use crate::plant::{Plant, command_signal};
+use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::run::refuse;
 use crate::scenario::{
-    Channel, Controller, Diagnostics, FIRST, Loaded, Platform as PlatformFile, Robot, Scenario,
-    Signal,
+    Channel, Controller, Diagnostics, FIRST, Loaded, Model, Platform as PlatformFile, Plugin,
+    Robot, Scenario, Signal,
 };
 use crate::servo::servo;
-use crate::world::{Change, Controlled};
+use crate::world::{Change, Controlled, To};
 
 /// A robot whose controllers are built.
 pub(crate) struct Deciding<'a, 'b, T: Scalar> {
@@ -44,6 +46,12 @@ pub(crate) struct Deciding<'a, 'b, T: Scalar> {
     pub outsides: &'a mut Vec<Port>,
 }
 
+/// A model that stands by: its plant and, of another level of the robot, that one with its platform.
+pub(crate) struct Standing<T: Scalar> {
+    pub plant: Box<dyn Block<T>>,
+    pub own: Option<(Robot, Platform<T>)>,
+}
+
 /// A block, and whether it commands the twist.
 type Decider<T> = (Box<dyn Block<T>>, bool);
 
@@ -52,10 +60,14 @@ impl<T: Scalar> Deciding<'_, '_, T> {
     ///
     /// # Errors
     /// A table cannot be read, or a plug-in cannot be used.
-    pub(crate) fn blocks(&mut self) -> Result<(Vec<Controlled<T>>, Vec<String>), Diagnostics> {
+    pub(crate) fn blocks(
+        &mut self,
+        models: &[Standing<T>],
+    ) -> Result<(Vec<Controlled<T>>, Vec<String>), Diagnostics> {
         let robot = self.robot;
         let mut blocks = Vec::new();
         let mut crew = Vec::new();
+        let mut servos: Vec<(Box<dyn Block<T>>, f64, u64, usize)> = Vec::new();
         // Those that command the twist, a bit each, and the shortest periods of them and of all.
         let (mut twisted, mut of_twisted, mut of_all) = (0_u64, f64::INFINITY, f64::INFINITY);
         for (k, (name, controller)) in robot.controllers().enumerate() {
@@ -81,9 +93,26 @@ impl<T: Scalar> Deciding<'_, '_, T> {
         if twisted != 0 {
             last = robot.servo.period.unwrap_or(of_twisted);
             let command = |wheel: &Wheel<T>| command_port(robot, wheel);
-            let servo = servo(robot, self.platform, last, &command, self.values);
+            let first = servo(robot, self.platform, last, &command, self.values);
             let with = if crew.len() == 1 { everyone } else { twisted };
-            blocks.push((Box::new(servo), last, with));
+            servos.push((Box::new(first), last, with, 0));
+            for (k, model) in models.iter().enumerate() {
+                let Some((robot, platform)) = &model.own else {
+                    continue;
+                };
+                let command = |wheel: &Wheel<T>| command_port(robot, wheel);
+                let servo = servo(robot, platform, last, &command, self.values);
+                servos.push((Box::new(servo), last, with, k + 1));
+            }
+        }
+        if !models.is_empty() && twisted.count_ones() as usize != crew.len() {
+            return Err(refuse(
+                self.loaded,
+                format!("robot.{}.model", robot.name),
+                "must stand by for controllers that command the twist, got one that commands wheels"
+                    .into(),
+                "command.forward and command.yaw_rate mean the same to every model".into(),
+            ));
         }
         if crew.len() > 1 {
             last = last.min(of_all);
@@ -93,7 +122,9 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             blocks.push((noise, last, everyone));
         }
         let mut units: BTreeMap<&str, &str> = BTreeMap::new();
-        for port in blocks.iter().flat_map(|(block, ..)| block.outputs()) {
+        let all = blocks.iter().map(|(block, ..)| block);
+        let all = all.chain(servos.iter().map(|(block, ..)| block));
+        for port in all.flat_map(|block| block.outputs()) {
             let unit = units.entry(&port.path).or_insert(&port.unit);
             if *unit != port.unit {
                 return Err(refuse(
@@ -108,12 +139,102 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             }
         }
         let step = self.loaded.scenario.time.step;
-        let controlled = blocks.into_iter().map(|(block, period, with)| Controlled {
+        let is_noisy = !robot.wheel_noise.is_empty();
+        let noise = if is_noisy { blocks.pop() } else { None };
+        let any = |(block, period, with)| (block, period, with, None);
+        let of_model = |(block, period, with, k)| (block, period, with, Some(k));
+        let controlled = blocks.into_iter().map(any);
+        let controlled = controlled.chain(servos.into_iter().map(of_model));
+        let controlled = controlled.chain(noise.into_iter().map(any));
+        let controlled = controlled.map(|(block, period, with, model)| Controlled {
             block,
             period: ticks(period, step),
             with,
+            models: match (models.is_empty(), model) {
+                (false, Some(k)) => 1 << k,
+                _ => u64::MAX,
+            },
         });
         Ok((controlled.collect(), crew))
+    }
+
+    /// The models that stand by.
+    ///
+    /// # Errors
+    /// One cannot be built, or gives less than what is read of the first.
+    pub(crate) fn models(
+        &self,
+        ground: Ground<T>,
+        numerics: Numerics,
+        start: Start<'_, T>,
+    ) -> Result<Vec<Standing<T>>, Diagnostics> {
+        let robot = self.robot;
+        let model = |model: &Model| {
+            let base = format!("robot.{}.model.{}", robot.name, model.name);
+            if let Some(plugin) = &model.plugin {
+                let request = Request {
+                    role: Role::Model,
+                    ..self.request(&model.name, plugin)
+                };
+                let foreign = Foreign::<T>::new(&request, self.pool)
+                    .map_err(|fault| self.refuse(&format!("{base}.plugin"), plugin, fault))?;
+                return Ok(Standing {
+                    plant: Box::new(foreign),
+                    own: None,
+                });
+            }
+            let own = Robot {
+                level: model.level.unwrap_or(robot.level),
+                drive: model.drive.unwrap_or(robot.drive),
+                ..robot.clone()
+            };
+            let platform = build::platform_of(
+                self.file,
+                build::drive_model(&own),
+                ground.gravity_normal,
+                &format!("robot.{}.platform", robot.name),
+                self.values,
+            )
+            .expect("a checked platform can be built");
+            let (name, level) = (&robot.name, own.level);
+            let plant = Plant::new(name, platform.clone(), ground, level, numerics, start)
+                .map_err(|error| {
+                    let path = match error.field.contains('.') {
+                        true => error.field.to_owned(),
+                        false => format!("{base}.{}", error.field),
+                    };
+                    refuse(self.loaded, path, error.problem, error.hint)
+                })?;
+            Ok(Standing {
+                plant: Box::new(plant),
+                own: Some((own, platform)),
+            })
+        };
+        robot.model.iter().map(model).collect()
+    }
+
+    fn request<'c>(&'c self, name: &'c str, plugin: &'c Plugin) -> Request<'c> {
+        Request {
+            scenario: &self.loaded.scenario,
+            robot: self.robot,
+            name,
+            plugin,
+            folder: &self.loaded.folder,
+            is_trusted: self.loaded.trust_native,
+            trial: self.key.1,
+            way: self.way.map(|(path, _)| path),
+            reach: &self.reach,
+            role: Role::Controller,
+        }
+    }
+
+    fn refuse(&self, base: &str, plugin: &Plugin, fault: Fault) -> Diagnostics {
+        let path = match fault.field.starts_with("parameters.") {
+            true => format!("{base}.{}", fault.field),
+            false => format!("{base}.file"),
+        };
+        let problem = format!("\"{}\": {fault}", plugin.file);
+        refuse(self.loaded, path, problem, fault.hint)
     }
 
     fn controller(&mut self, name: &str, own: &Controller) -> Result<Decider<T>, Diagnostics> {
@@ -137,25 +258,9 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             }
             Controller::Signals { channel, .. } => self.signals(&base, channel),
             Controller::Plugin(plugin) => {
-                let request = Request {
-                    scenario: &self.loaded.scenario,
-                    robot,
-                    name,
-                    plugin,
-                    folder: &self.loaded.folder,
-                    is_trusted: self.loaded.trust_native,
-                    trial: self.key.1,
-                    way: self.way.map(|(path, _)| path),
-                    reach: &self.reach,
-                };
-                let foreign = Foreign::<T>::new(&request, self.pool).map_err(|fault| {
-                    let path = match fault.field.starts_with("parameters.") {
-                        true => format!("{base}.{}", fault.field),
-                        false => format!("{base}.file"),
-                    };
-                    let problem = format!("\"{}\": {fault}", plugin.file);
-                    refuse(self.loaded, path, problem, fault.hint)
-                })?;
+                let request = self.request(name, plugin);
+                let foreign = Foreign::<T>::new(&request, self.pool)
+                    .map_err(|fault| self.refuse(&base, plugin, fault))?;
                 let is_twisted = foreign.is_twisted();
                 Ok((Box::new(foreign), is_twisted))
             }
@@ -190,7 +295,7 @@ fn ticks(period: f64, step: f64) -> u64 {
     (period / step).round().max(1.0) as u64
 }
 
-/// The changes of controllers that a scenario asks for, in the order of time.
+/// The changes of controllers and models that a scenario asks for, in the order of time.
 pub(crate) fn changes(scenario: &Scenario) -> Vec<Change> {
     let mut changes: Vec<Change> = scenario
         .swap
@@ -198,8 +303,12 @@ pub(crate) fn changes(scenario: &Scenario) -> Vec<Change> {
         .filter_map(|swap| {
             let named = |robot: &Robot| robot.name == swap.robot;
             let robot = scenario.robot.iter().position(named)?;
-            let mut crew = scenario.robot[robot].controllers();
-            let to = crew.position(|(name, _)| name == swap.to)?;
+            let of = &scenario.robot[robot];
+            let mut crew = of.controllers();
+            let to = match crew.position(|(name, _)| name == swap.to) {
+                Some(controller) => To::Controller(controller),
+                None => To::Model(of.models().position(|name| name == swap.to)?),
+            };
             let tick = (swap.at / scenario.time.step).round() as u64;
             Some(Change { tick, robot, to })
         })
@@ -215,8 +324,7 @@ pub(crate) fn reach<T: Scalar>(
     plant: &Plant<T>,
     sensors: &[(Box<dyn Block<T>>, u64)],
 ) -> Reach {
-    let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
-    if !robot.controllers().any(is_plugin) {
+    if robot.plugins().next().is_none() {
         return Reach::default();
     }
     let sensed = sensors.iter().flat_map(|(sensor, _)| sensor.outputs());
@@ -230,6 +338,7 @@ pub(crate) fn reach<T: Scalar>(
     };
     Reach {
         known: plant.motion_ports().iter().chain(sensed).cloned().collect(),
+        moved: plant.outputs().to_vec(),
         commands: wheels.filter_map(command).collect(),
     }
 }

@@ -16,7 +16,7 @@ use crate::build::Values;
 use crate::judge::Verdict;
 use crate::record::{Event, RecordError};
 use crate::run::{Plans, assemble};
-use crate::scenario::{self, Controller, Diagnostic, Diagnostics, Loaded, Overrides};
+use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Overrides};
 use crate::signal::Signal;
 use crate::world::{Listener, Parts, World};
 
@@ -72,8 +72,8 @@ impl BatchEnv {
     ) -> Result<BatchEnv, Diagnostics> {
         let loaded = scenario::load(file, overrides)?;
         for robot in &loaded.scenario.robot {
-            let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
-            if !robot.standby.is_empty() || robot.controllers().any(is_plugin) {
+            let stands = !robot.standby.is_empty() || !robot.model.is_empty();
+            if stands || robot.plugins().next().is_some() {
                 return Err(crate::run::refuse(
                     &loaded,
                     format!("robot.{}.controller", robot.name),

@@ -11,13 +11,30 @@ use appell_model::scalar::Scalar;
 use appell_plugin::{Fault, Limits, Plugin};
 use serde_json::{Value, json};
 
-use crate::block::{Block, BlockError, Now, Port, Recovery};
+use crate::block::{Block, BlockError, Detail, Now, Port, Recovery, restore_numbers, save_numbers};
 use crate::plan;
-use crate::scenario::{Controller, OnFailure, Plugin as File, Robot, Scenario, Task};
+use crate::scenario::{OnFailure, Plugin as File, Robot, Scenario, Task};
 
 /// What the commands of a plug-in begin with, and what else it may write, to be looked at.
 const COMMAND: &str = "command.";
 const OWN: &str = "controller.";
+
+/// What a model must write, what else it may write, to be looked at, and what it may read.
+const MOTION: [&str; 6] = [
+    "pose.x",
+    "pose.y",
+    "pose.yaw",
+    "twist.forward",
+    "twist.left",
+    "twist.yaw_rate",
+];
+const OF_MODEL: &str = "model.";
+const COMMANDS: [(&str, &str); 4] = [
+    ("command.forward", "m/s"),
+    ("command.left", "m/s"),
+    ("command.yaw_rate", "rad/s"),
+    ("brake", "1"),
+];
 
 /// How a saved plug-in was.
 const FAILED: u8 = 0;
@@ -69,6 +86,9 @@ pub(crate) struct Foreign<T> {
     limits: Limits,
     parameters: std::collections::BTreeMap<String, f64>,
     context: Value,
+    role: Role,
+    /// Step of the physics, s.
+    step: f64,
     recovery: Recovery,
     hash: String,
     pool: Arc<Pool>,
@@ -103,6 +123,16 @@ pub(crate) struct Request<'a> {
     /// The way of its task, where there is one.
     pub way: Option<&'a plan::Path>,
     pub reach: &'a Reach,
+    pub role: Role,
+}
+
+/// What a plug-in is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// It decides.
+    Controller,
+    /// It moves: reads commands, and writes pose and twist.
+    Model,
 }
 
 /// What the plug-ins of a robot may read and write.
@@ -110,17 +140,16 @@ pub(crate) struct Request<'a> {
 pub(crate) struct Reach {
     /// Signals that they may read.
     pub known: Vec<Port>,
+    /// Signals that the robot's first model writes.
+    pub moved: Vec<Port>,
     /// Commands of wheels: the name below the robot, and the signal that it stands for.
     pub commands: Vec<(String, Port)>,
 }
 
 /// Files of plug-ins with their SHA-256, a line each: what a scenario's text does not say of them.
 pub(crate) fn digests(scenario: &Scenario, folder: &Path) -> String {
-    let controllers = scenario.robot.iter().flat_map(Robot::controllers);
-    let files = controllers.filter_map(|(_, controller)| match controller {
-        Controller::Plugin(plugin) => Some(plugin.file.as_str()),
-        _ => None,
-    });
+    let files = scenario.robot.iter().flat_map(Robot::plugins);
+    let files = files.map(|plugin| plugin.file.as_str());
     let line = |file: &str| {
         let bytes = std::fs::read(folder.join(file)).unwrap_or_default();
         format!("\n# {file} {}", appell_plugin::digest(&bytes))
@@ -170,7 +199,16 @@ impl<T: Scalar> Foreign<T> {
                 .any(|o| o.name.starts_with(begins))
         };
         let (twist, wheels) = (writes(COMMAND), writes("wheel."));
-        if twist && wheels || !(twist || wheels || writes("brake")) {
+        if request.role == Role::Model {
+            let written = |name: &&&str| descriptor.outputs.iter().any(|o| o.name == **name);
+            if let Some(name) = MOTION.iter().find(|name| !written(name)) {
+                return Err(Fault {
+                    field: "outputs".into(),
+                    problem: format!("must have {name}, as every model"),
+                    hint: format!("a model writes {}", MOTION.join(", ")),
+                });
+            }
+        } else if twist && wheels || !(twist || wheels || writes("brake")) {
             return Err(Fault {
                 field: "outputs".into(),
                 problem: "must command either the twist or the wheels".into(),
@@ -179,7 +217,10 @@ impl<T: Scalar> Foreign<T> {
         }
         let recovery = match (&plugin.fallback, plugin.on_failure) {
             (Some(name), _) => {
-                let place = robot.controllers().position(|(other, _)| other == name);
+                let place = match request.role {
+                    Role::Controller => robot.controllers().position(|(other, _)| other == name),
+                    Role::Model => robot.models().position(|other| other == name),
+                };
                 Recovery::Swap(place.expect("a checked fallback stands by"))
             }
             (None, OnFailure::Stop) => Recovery::Stop,
@@ -193,6 +234,8 @@ impl<T: Scalar> Foreign<T> {
                 vec![0.0; outputs.len()],
             ],
             constants,
+            role: request.role,
+            step: request.scenario.time.step,
             inputs,
             outputs,
             file,
@@ -243,6 +286,16 @@ impl<T: Scalar> Foreign<T> {
         if let Life::Running(mut plugin, member) = self.life.replace(Life::Waiting) {
             plugin.destroy(member);
             self.pool.give(&self.file, &self.limits, *plugin);
+        }
+    }
+
+    /// A model that failed stays where it is.
+    fn stand(&self, outputs: &mut [f64]) {
+        let place = |port: &Port| port.path.contains(".pose.");
+        for (port, value) in self.outputs.iter().zip(outputs) {
+            if !place(port) {
+                *value = 0.0;
+            }
         }
     }
 
@@ -320,6 +373,18 @@ impl Request<'_> {
 
     fn input(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
         let path = format!("{prefix}{name}");
+        if self.role == Role::Model {
+            let Some((_, wanted)) = COMMANDS.iter().find(|(known, _)| *known == name) else {
+                let names: Vec<&str> = COMMANDS.iter().map(|(name, _)| *name).collect();
+                return Err(Fault {
+                    field: format!("inputs.{name}"),
+                    problem: "must be a command, for a model".into(),
+                    hint: format!("one of {}, or beacon.NAME.x", names.join(", ")),
+                });
+            };
+            self.in_unit(name, wanted, unit)?;
+            return Ok(Port::new(path, unit));
+        }
         let found = self.reach.known.iter().find(|port| port.path == path);
         let field = format!("inputs.{name}");
         match found {
@@ -347,6 +412,24 @@ impl Request<'_> {
 
     fn output(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
         let own = |path: &str| Port::new(format!("{prefix}{path}"), unit);
+        if self.role == Role::Model {
+            let path = format!("{prefix}{name}");
+            let moved = self.reach.moved.iter().find(|port| port.path == path);
+            return match moved {
+                Some(port) if port.unit == unit => Ok(port.clone()),
+                Some(port) => Err(Fault {
+                    field: format!("outputs.{name}"),
+                    problem: format!("must be in {}, got {unit:?}", port.unit),
+                    hint: "values are in SI units".into(),
+                }),
+                None if name.starts_with(OF_MODEL) => Ok(own(name)),
+                None => Err(Fault {
+                    field: format!("outputs.{name}"),
+                    problem: "must be a signal of the robot's motion, or of its own".into(),
+                    hint: format!("one of {}, or {OF_MODEL}NAME", MOTION.join(", ")),
+                }),
+            };
+        }
         let wanted = match name {
             "command.forward" | "command.left" => "m/s",
             "command.yaw_rate" => "rad/s",
@@ -411,8 +494,16 @@ impl<T: Scalar> Block<T> for Foreign<T> {
         for &(k, value) in &self.constants {
             inputs.insert(k, value);
         }
-        let (t, dt) = (now.t.lane(0), now.dt);
-        let stepped = self.with(|plugin, member| plugin.step(member, t, dt, &inputs, &mut outputs));
+        let t = now.t.lane(0);
+        // A model is moved in steps of the physics, however far the way is.
+        let (count, dt) = match self.role {
+            Role::Controller => (1, now.dt),
+            Role::Model => ((now.dt / self.step).round() as u64, self.step),
+        };
+        let stepped = self.with(|plugin, member| {
+            (0..count)
+                .try_for_each(|k| plugin.step(member, t + k as f64 * dt, dt, &inputs, &mut outputs))
+        });
         let result = match stepped {
             Ok(()) => {
                 for (number, &value) in output.iter_mut().zip(&outputs) {
@@ -423,6 +514,7 @@ impl<T: Scalar> Block<T> for Foreign<T> {
             Err(fault) => {
                 if self.recovery == Recovery::Stop {
                     output.fill(T::zero());
+                    self.stand(&mut outputs);
                 }
                 Err(self.failed(&fault))
             }
@@ -433,8 +525,15 @@ impl<T: Scalar> Block<T> for Foreign<T> {
 
     fn take_over(&mut self, _input: &[T], before: &[T]) -> Result<(), BlockError> {
         let before: Vec<f64> = before.iter().map(|number| number.lane(0)).collect();
+        self.values[1].copy_from_slice(&before);
         self.with(|plugin, member| plugin.take_over(member, &before))
             .map_err(|fault| self.failed(&fault))
+    }
+
+    fn observe(&mut self, _input: &[T], _detail: Detail, output: &mut [T]) {
+        for (number, &value) in output.iter_mut().zip(&self.values[1]) {
+            *number = T::from(value);
+        }
     }
 
     fn origin(&self) -> Option<&str> {
@@ -450,12 +549,21 @@ impl<T: Scalar> Block<T> for Foreign<T> {
                 Err(_) => (UNKNOWN, Vec::new()),
             },
         };
+        if self.role == Role::Model {
+            save_numbers(&self.values[1], bytes);
+        }
         bytes.push(state);
         bytes.extend_from_slice(&(memory.len() as u64).to_le_bytes());
         bytes.extend_from_slice(&memory);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
+        let whole = bytes.len();
+        let mut bytes = bytes;
+        if self.role == Role::Model {
+            let used = restore_numbers(&mut self.values[1], bytes)?;
+            bytes = &bytes[used..];
+        }
         let (&state, rest) = bytes.split_first()?;
         let length = u64::from_le_bytes(*rest.first_chunk()?) as usize;
         let memory = rest.get(8..8usize.checked_add(length)?)?;
@@ -468,7 +576,7 @@ impl<T: Scalar> Block<T> for Foreign<T> {
             // What could not be saved cannot go on.
             _ => return None,
         }
-        Some(9 + length)
+        Some(whole - bytes.len() + 9 + length)
     }
 
     fn any(&self) -> &dyn Any {

@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 use appell_plugin::Fault;
 
-use crate::foreign::{Foreign, Pool, Reach, Request};
+use crate::foreign::{Foreign, Pool, Reach, Request, Role};
 use crate::plan::Path;
 use crate::run::Run;
 use crate::scenario::{Controller, Plugin, Robot, STANDBY_MAX, Scenario, Standby, Swap};
-use crate::world::Change;
+use crate::world::{Change, To};
 
 /// What new versions of a run's plug-ins are opened with.
 pub struct Workshop {
@@ -120,6 +120,7 @@ impl Workshop {
             trial: self.trial,
             way: self.paths[index].as_ref(),
             reach: &self.reaches[index],
+            role: Role::Controller,
         };
         let block = Foreign::new(&request, &self.pool)?;
         Ok(Successor {
@@ -152,10 +153,10 @@ impl Script {
 }
 
 impl Run {
-    /// Lets another of a robot's controllers take over at the next step.
+    /// Lets another of a robot's controllers, or of its models, take over at the next step.
     ///
     /// # Errors
-    /// There is no such robot or controller.
+    /// There is no such robot, controller or model.
     pub fn swap(&mut self, robot: &str, to: &str) -> Result<(), Unchanged> {
         let mut robots = self.scenario().robot.iter();
         let index = robots.position(|known| known.name == robot);
@@ -172,23 +173,30 @@ impl Run {
             )));
         };
         let names = self.world.crew(index);
-        let Some(place) = names.iter().position(|known| known == to) else {
-            return Err(Unchanged(format!(
-                "must be the name of a controller of robot {robot:?}, got {to:?}; one of {}",
-                names.join(", ")
-            )));
+        let models = self.world.models(index);
+        let place = |names: &[String]| names.iter().position(|known| known == to);
+        let change = match (place(names), place(models)) {
+            (Some(controller), _) => To::Controller(controller),
+            (None, Some(model)) => To::Model(model),
+            (None, None) => {
+                let known: Vec<&str> = names.iter().chain(models).map(String::as_str).collect();
+                return Err(Unchanged(format!(
+                    "must be the name of a controller or model of robot {robot:?}, got {to:?}; one of {}",
+                    known.join(", ")
+                )));
+            }
         };
-        self.schedule(index, place);
+        self.schedule(index, change, to.to_owned());
         Ok(())
     }
 
-    fn schedule(&mut self, robot: usize, to: usize) {
+    fn schedule(&mut self, robot: usize, to: To, name: String) {
         let tick = self.world.tick();
         self.world.schedule(Change { tick, robot, to });
         let swap = Swap {
             at: tick as f64 * self.scenario().time.step,
             robot: self.scenario().robot[robot].name.clone(),
-            to: self.world.crew(robot)[to].clone(),
+            to: name,
         };
         self.script.swaps.push(swap);
         self.script.is_changed = true;
@@ -240,12 +248,16 @@ impl Run {
         }
         self.world.redirect(robot, like, new);
         let controller = Controller::Plugin(plugin);
-        self.script
-            .joined
-            .push((robot, Standby { name, controller }));
+        self.script.joined.push((
+            robot,
+            Standby {
+                name: name.clone(),
+                controller,
+            },
+        ));
         self.script.is_changed = true;
         if self.world.active(robot) == like {
-            self.schedule(robot, new);
+            self.schedule(robot, To::Controller(new), name);
         }
         Ok(())
     }

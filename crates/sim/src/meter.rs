@@ -316,6 +316,8 @@ impl<T: Scalar> Meter<T> {
                 };
                 let mut gauge = Gauge::new(friction);
                 let prefix = format!("robot.{}.", robot.name);
+                // Of models that take turns not all know forces, commands of drives and energies.
+                let is_one = robot.model.is_empty();
                 for (k, signal) in signals.iter().enumerate() {
                     let Some(path) = signal.path.strip_prefix(&prefix) else {
                         continue;
@@ -326,12 +328,12 @@ impl<T: Scalar> Meter<T> {
                         "path.offset" => gauge.offset = Some(k),
                         // y follows x.
                         "pose.x" => gauge.position = Some([k, k + 1]),
-                        "tip_margin" => gauge.tip = Some(k),
+                        "tip_margin" if is_one => gauge.tip = Some(k),
                         "wheel.trailer.steering_angle" => gauge.hitch = Some((k, T::zero())),
                         _ => {}
                     }
                     for known in ["energy.supplied", "energy.windings", "energy.residual"] {
-                        if path == known {
+                        if path == known && is_one {
                             gauge.energies.push((known, k, T::zero()));
                         }
                     }
@@ -349,7 +351,7 @@ impl<T: Scalar> Meter<T> {
                             .odometries
                             .push((sensor.to_owned(), columns, [T::zero(); 5]));
                     }
-                    if path.starts_with("wheel.") {
+                    if path.starts_with("wheel.") && is_one {
                         for (ending, unit) in [
                             (".voltage", "V"),
                             (".torque_command", "N·m"),

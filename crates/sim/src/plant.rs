@@ -109,13 +109,7 @@ impl<T: Scalar> Plant<T> {
         }
         let u = vec![T::zero(); layout.input()];
         // Wheels with friction start as their rates say: at rest they stick until pushed.
-        let mode: Vec<T> = wheel_rates(&platform, &x, &v)
-            .iter()
-            .map(|rate| {
-                let rests = rate.abs().less_equal(T::zero());
-                T::select(rests, T::zero(), T::one().copysign(*rate))
-            })
-            .collect();
+        let mode = senses(&wheel_rates(&platform, &x, &v));
         let driven: Vec<usize> = (0..layout.wheels)
             .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some())
             .collect();
@@ -205,6 +199,15 @@ impl<T: Scalar> Plant<T> {
             }
         }
     }
+}
+
+/// Modes of wheels that turn at these rates: the sense, or rest.
+fn senses<T: Scalar>(rates: &[T]) -> Vec<T> {
+    let sense = |rate: &T| {
+        let rests = rate.abs().less_equal(T::zero());
+        T::select(rests, T::zero(), T::one().copysign(*rate))
+    };
+    rates.iter().map(sense).collect()
 }
 
 fn wheel_rates<T: Scalar>(platform: &Platform<T>, x: &[T], v: &[T]) -> Vec<T> {
@@ -468,6 +471,46 @@ impl<T: Scalar> Block<T> for Plant<T> {
             }),
             then: Recovery::End,
         })
+    }
+
+    fn take_over(&mut self, input: &[T], before: &[T]) -> Result<(), BlockError> {
+        self.take_input(input);
+        let names = |field: &str| format!("{}.{field}", self.name);
+        let last = |field: &str| {
+            let path = names(field);
+            let k = self.outputs.iter().position(|port| port.path == path);
+            k.map_or(T::zero(), |k| before[k])
+        };
+        let platform = self.system.platform();
+        let layout = platform.layout();
+        let wheels = platform.wheels();
+        let of_wheel = |i: usize, field: &str| last(&format!("wheel.{}.{field}", wheels[i].name));
+        let angles = layout
+            .swivels
+            .iter()
+            .map(|&i| of_wheel(i, "steering_angle"));
+        let angles: Vec<T> = angles.collect();
+        let pose = ["pose.x", "pose.y", "pose.yaw"].map(last);
+        let mut x = crate::build::rest_state(platform, pose, &angles);
+        for i in 0..layout.wheels {
+            x[layout.spin(i)] = of_wheel(i, "spin_angle");
+        }
+        if let System::Rolling(_) = self.system {
+            let rates = layout.steered.iter().map(|&i| of_wheel(i, "steering_rate"));
+            let rates: Vec<T> = rates.collect();
+            let velocity = vec2(last("twist.forward"), last("twist.left"));
+            let v = platform.velocity_from_twist(velocity, last("twist.yaw_rate"), &rates);
+            let at = layout.velocity();
+            x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
+            for (k, &i) in layout.motors.iter().enumerate() {
+                x[layout.current() + k] = of_wheel(i, "current");
+            }
+            self.mode = senses(&wheel_rates(platform, &x, &v));
+        }
+        self.x = x;
+        // Its books begin anew.
+        self.energy_start = self.energy();
+        Ok(())
     }
 
     fn observe(&mut self, input: &[T], detail: Detail, output: &mut [T]) {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::block::Block;
 use crate::build::{self, Values};
 use crate::controller::Track;
-use crate::decide::{Deciding, changes, reach};
+use crate::decide::{Deciding, Standing, changes, reach};
 use crate::drawing::drawing;
 use crate::foreign::{Pool, Reach, digests};
 use crate::judge::{Judge, Verdict};
@@ -266,26 +266,21 @@ pub(crate) fn assemble<T: Scalar>(
             twist: robot.twist.map(T::from),
             angles: &angles,
         };
-        let plant = Plant::new(
-            &robot.name,
-            platform.clone(),
-            ground,
-            robot.level,
-            Numerics {
-                integrator: scenario.time.integrator,
-                step,
-                tolerance: scenario.time.tolerance,
-            },
-            start,
-        )
-        .map_err(|error| {
-            let path = if error.field.contains('.') {
-                error.field.to_owned()
-            } else {
-                format!("robot.{}.{}", robot.name, error.field)
-            };
-            refuse(loaded, path, error.problem, error.hint)
-        })?;
+        let numerics = Numerics {
+            integrator: scenario.time.integrator,
+            step,
+            tolerance: scenario.time.tolerance,
+        };
+        let name = &robot.name;
+        let plant = Plant::new(name, platform.clone(), ground, robot.level, numerics, start)
+            .map_err(|error| {
+                let path = if error.field.contains('.') {
+                    error.field.to_owned()
+                } else {
+                    format!("robot.{name}.{}", error.field)
+                };
+                refuse(loaded, path, error.problem, error.hint)
+            })?;
         integrators.push(plant.integrator());
         let layout = build::layout(scenario, robot);
         let assignment = robot
@@ -349,7 +344,25 @@ pub(crate) fn assemble<T: Scalar>(
             reach: reach(robot, &platform, &plant, &sensors),
             outsides: &mut outsides,
         };
-        let (controllers, crew) = deciding.blocks()?;
+        let models = deciding.models(ground, numerics, start)?;
+        let (controllers, crew) = deciding.blocks(&models)?;
+        let sensing = sensors.iter().flat_map(|(sensor, _)| sensor.inputs());
+        let deciders = controllers.iter().filter(|one| one.models == u64::MAX);
+        let read = sensing.chain(deciders.flat_map(|one| one.block.inputs()));
+        for port in read.filter(|port| plant.outputs().contains(port)) {
+            let lacks = |model: &&Standing<T>| !model.plant.outputs().contains(port);
+            if let Some(k) = models.iter().position(|model| lacks(&model)) {
+                return Err(refuse(
+                    loaded,
+                    format!("robot.{}.model.{}", robot.name, robot.model[k].name),
+                    format!(
+                        "must write {}, which a sensor or controller reads",
+                        port.path
+                    ),
+                    "add it to the model's outputs, or leave out what reads it".into(),
+                ));
+            }
+        }
         reaches.push(deciding.reach);
         let follows = robot.controllers().filter(|(_, c)| c.follower().is_some());
         let judge_period = follows.fold(0.01_f64, |least, (_, c)| least.min(c.period()));
@@ -359,6 +372,8 @@ pub(crate) fn assemble<T: Scalar>(
             controllers,
             crew,
             plant: Box::new(plant),
+            models: robot.models().map(str::to_owned).collect(),
+            standing: models.into_iter().map(|model| model.plant).collect(),
             judge: match &assignment {
                 None => Judge::new(&layout, None),
                 Some(assignment) => Judge::of(&layout, assignment),

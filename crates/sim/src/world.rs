@@ -22,8 +22,8 @@ use crate::layout::Layout;
 use crate::record::{Event, RecordError, Recorder};
 use crate::signal::Signal;
 
-pub(crate) use changes::Change;
 use changes::Roster;
+pub(crate) use changes::{Change, To};
 pub use changes::{Failure, Swapped};
 use look::{Look, rings};
 
@@ -62,10 +62,11 @@ struct Slot<T: Scalar> {
     inputs: Vec<usize>,
     outputs: std::ops::Range<usize>,
     buffer: Vec<T>,
-    /// Its robot, and the controllers of the robot with which it runs, a bit each.
+    /// Its robot, and the controllers and models of the robot with which it runs, a bit each.
     robot: usize,
     with: u64,
-    /// Columns and values of its outputs, where another of the robot's controllers writes some of them.
+    models: u64,
+    /// Columns and values of its outputs, where another of the robot's blocks writes some of them.
     shared: Option<Shared<T>>,
 }
 
@@ -109,8 +110,10 @@ pub struct World<T: Scalar = f64> {
     row: Vec<T>,
     sensors: Vec<Slot<T>>,
     controllers: Vec<Slot<T>>,
+    /// The first model of each robot, then those that stand by; and which of them moves each robot.
     plants: Vec<Slot<T>>,
-    /// Readings of each plant's motion.
+    driving: Vec<usize>,
+    /// Readings of each robot's motion.
     readings: Vec<Due>,
     pub(crate) referees: Vec<Referee<T>>,
     /// The controllers of each robot.
@@ -183,17 +186,22 @@ pub(crate) struct RobotBlocks<T: Scalar> {
     /// Names of what is swapped.
     pub crew: Vec<String>,
     pub plant: Box<dyn Block<T>>,
+    /// Names of its models, and those that stand by.
+    pub models: Vec<String>,
+    pub standing: Vec<Box<dyn Block<T>>>,
     pub judge: Judge<T::Single>,
     pub layout: Layout,
     pub has_task: bool,
     pub judge_period: u64,
 }
 
-/// A block that decides: its period in ticks, and the controllers of the robot with which it runs, a bit each.
+/// A block that decides: its period in ticks, and the controllers and models of the robot with which it runs,
+/// a bit each.
 pub(crate) struct Controlled<T: Scalar> {
     pub block: Box<dyn Block<T>>,
     pub period: u64,
     pub with: u64,
+    pub models: u64,
 }
 
 /// A world before it is wired: periods in ticks, and the robots.
@@ -225,10 +233,12 @@ impl<T: Scalar> World<T> {
             period: u64,
             robot: usize,
             with: u64,
+            models: u64,
             outputs: std::ops::Range<usize>,
             columns: Option<Vec<usize>>,
         }
         let (mut sensors, mut controllers, mut plants) = (Vec::new(), Vec::new(), Vec::new());
+        let mut standing = Vec::new();
         let mut judges = Vec::new();
         let mut rosters = Vec::new();
         for (k, robot) in parts.robots.into_iter().enumerate() {
@@ -243,14 +253,17 @@ impl<T: Scalar> World<T> {
                     period,
                     robot: k,
                     with: u64::MAX,
+                    models: u64::MAX,
                     columns: None,
                 }
             };
-            plants.push(place((robot.plant, 1)));
+            let plant = place((robot.plant, 1));
+            let first = plant.outputs.start;
+            plants.push(Placed { models: 1, ..plant });
             sensors.extend(robot.sensors.into_iter().map(&mut place));
-            // Of controllers that take turns several write a signal.
             let begin = signals.len();
-            for controlled in robot.controllers {
+            // Of blocks that take turns several write a signal.
+            let mut share = |begin: usize, controlled: Controlled<T>| {
                 let start = signals.len();
                 let mut columns = Vec::new();
                 for port in controlled.block.outputs() {
@@ -261,18 +274,33 @@ impl<T: Scalar> World<T> {
                     });
                 }
                 let beside = columns.iter().copied().eq(start..signals.len());
-                controllers.push(Placed {
+                Placed {
                     outputs: start..signals.len(),
                     block: controlled.block,
                     period: controlled.period,
                     robot: k,
                     with: controlled.with,
+                    models: controlled.models,
                     columns: (!beside).then_some(columns),
-                });
+                }
+            };
+            for controlled in robot.controllers {
+                controllers.push(share(begin, controlled));
+            }
+            for (model, block) in robot.standing.into_iter().enumerate() {
+                let controlled = Controlled {
+                    block,
+                    period: 1,
+                    with: u64::MAX,
+                    models: 2 << model,
+                };
+                standing.push(share(first, controlled));
             }
             rosters.push(Roster {
                 names: robot.crew,
                 active: 0,
+                models: robot.models,
+                model: 0,
             });
             let clearance = add(
                 &mut signals,
@@ -287,6 +315,8 @@ impl<T: Scalar> World<T> {
                 clearance,
             ));
         }
+        let driving: Vec<usize> = (0..plants.len()).collect();
+        plants.extend(standing);
         // Inputs that nobody writes: commands of robots without a controller.
         for placed in sensors.iter().chain(&controllers).chain(&plants) {
             for port in placed.block.inputs() {
@@ -311,6 +341,7 @@ impl<T: Scalar> World<T> {
                 due: Due::every(placed.period),
                 robot: placed.robot,
                 with: placed.with,
+                models: placed.models,
                 shared: placed.columns.map(|columns| Shared {
                     values: vec![T::zero(); columns.len()],
                     columns,
@@ -365,6 +396,7 @@ impl<T: Scalar> World<T> {
             sensors,
             controllers,
             plants,
+            driving,
             readings,
             referees,
             rosters,
@@ -402,7 +434,9 @@ impl<T: Scalar> World<T> {
             && self.record.period == parts.record
             && self.plants.len() == parts.robots.len()
             // Each lane would change controllers at a tick of its own.
-            && self.rosters.iter().all(|roster| roster.names.len() <= 1);
+            && self.rosters.iter().all(|roster| {
+                roster.names.len() <= 1 && roster.models.len() <= 1
+            });
         for ((plant, referee), robot) in robots {
             fit = fit
                 && like(plant, robot.plant.as_ref(), 1)
@@ -603,8 +637,8 @@ impl<T: Scalar> World<T> {
         }
         let ahead = (next - self.tick).min(limit);
         let dt = ahead as f64 * self.step;
-        for k in 0..self.plants.len() {
-            let slot = &mut self.plants[k];
+        for robot in 0..self.driving.len() {
+            let slot = &mut self.plants[self.driving[robot]];
             slot.gather(&self.row);
             let now = Now {
                 ticks: &self.ticks,
@@ -612,7 +646,7 @@ impl<T: Scalar> World<T> {
                 dt,
             };
             if let Err(error) = slot.block.step(&now, &slot.buffer, &mut []) {
-                self.break_off(error, dt);
+                self.recover_motion(error, robot, t, dt);
             }
         }
         self.tick += ahead;
@@ -623,9 +657,9 @@ impl<T: Scalar> World<T> {
                 self.ticks[lane] = tick - self.begun[lane];
             }
         }
-        for (k, due) in self.readings.iter_mut().enumerate() {
+        for (robot, due) in self.readings.iter_mut().enumerate() {
             if due.now(tick) {
-                self.plants[k].observe(Detail::Motion, &mut self.row);
+                self.plants[self.driving[robot]].observe(Detail::Motion, &mut self.row);
             }
         }
         self.judge(None);
@@ -657,28 +691,13 @@ impl<T: Scalar> World<T> {
             if !slot.due.now(self.tick) || !slot.runs(&self.rosters) {
                 continue;
             }
-            slot.gather(&self.row);
+            let dt = slot.due.period as f64 * self.step;
             let now = Now {
                 ticks: &self.ticks,
                 t,
-                dt: slot.due.period as f64 * self.step,
+                dt,
             };
-            let stepped = match &mut slot.shared {
-                None => {
-                    let outputs = &mut self.row[slot.outputs.clone()];
-                    slot.block.step(&now, &slot.buffer, outputs)
-                }
-                Some(shared) => {
-                    for (value, &k) in shared.values.iter_mut().zip(&shared.columns) {
-                        *value = self.row[k];
-                    }
-                    let stepped = slot.block.step(&now, &slot.buffer, &mut shared.values);
-                    for (value, &k) in shared.values.iter().zip(&shared.columns) {
-                        self.row[k] = *value;
-                    }
-                    stepped
-                }
-            };
+            let stepped = slot.step(&now, &mut self.row);
             if let Err(error) = stepped {
                 let robot = slot.robot;
                 self.recover(error, robot, t);
@@ -767,8 +786,8 @@ impl<T: Scalar> World<T> {
     }
 
     fn observe_everything(&mut self) {
-        for slot in &mut self.plants {
-            slot.observe(Detail::Everything, &mut self.row);
+        for &k in &self.driving {
+            self.plants[k].observe(Detail::Everything, &mut self.row);
         }
     }
 
@@ -851,13 +870,46 @@ impl<T: Scalar> Slot<T> {
     /// Writes the outputs of the present state.
     fn observe(&mut self, detail: Detail, row: &mut [T]) {
         self.gather(row);
-        let outputs = &mut row[self.outputs.clone()];
-        self.block.observe(&self.buffer, detail, outputs);
+        match &mut self.shared {
+            None => {
+                let outputs = &mut row[self.outputs.clone()];
+                self.block.observe(&self.buffer, detail, outputs);
+            }
+            Some(shared) => {
+                self.block.observe(&self.buffer, detail, &mut shared.values);
+                for (value, &k) in shared.values.iter().zip(&shared.columns) {
+                    row[k] = *value;
+                }
+            }
+        }
     }
 
-    /// Whether it runs with the present controller of its robot.
+    /// Lets it decide.
+    fn step(&mut self, now: &Now<'_, T>, row: &mut [T]) -> Result<(), BlockError> {
+        self.gather(row);
+        match &mut self.shared {
+            None => {
+                let outputs = &mut row[self.outputs.clone()];
+                self.block.step(now, &self.buffer, outputs)
+            }
+            Some(shared) => {
+                for (value, &k) in shared.values.iter_mut().zip(&shared.columns) {
+                    *value = row[k];
+                }
+                let stepped = self.block.step(now, &self.buffer, &mut shared.values);
+                for (value, &k) in shared.values.iter().zip(&shared.columns) {
+                    row[k] = *value;
+                }
+                stepped
+            }
+        }
+    }
+
+    /// Whether it runs with the present controller and model of its robot.
     fn runs(&self, rosters: &[Roster]) -> bool {
-        self.with == u64::MAX || self.with & (1 << rosters[self.robot].active) != 0
+        let is_of = |set: u64, one: usize| set == u64::MAX || set & (1 << one) != 0;
+        let roster = &rosters[self.robot];
+        is_of(self.with, roster.active) && is_of(self.models, roster.model)
     }
 
     /// Columns of its outputs.

@@ -4,16 +4,23 @@ use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 
 use super::{Shared, Slot, World};
-use crate::block::{Block, BlockError, Recovery};
+use crate::block::{Block, BlockError, Detail, Now, Recovery};
 use crate::record::Event;
 
 /// A change of controllers.
 #[derive(Clone, Debug)]
 pub(crate) struct Change {
     pub tick: u64,
-    /// Places of the robot, and of the controller among its own.
+    /// Place of the robot.
     pub robot: usize,
-    pub to: usize,
+    pub to: To,
+}
+
+/// What takes over: a controller or a model, by its place among the robot's own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum To {
+    Controller(usize),
+    Model(usize),
 }
 
 /// A change of controllers that was made, or could not be.
@@ -48,21 +55,26 @@ pub struct Failure {
     pub problem: String,
 }
 
-/// The controllers of a robot, by name, and which of them runs.
+/// The controllers and models of a robot, by name, and which of them run.
 pub(super) struct Roster {
     pub(super) names: Vec<String>,
     pub(super) active: usize,
+    pub(super) models: Vec<String>,
+    pub(super) model: usize,
 }
 
 impl<T: Scalar> World<T> {
-    /// Makes the changes of controllers that are due.
+    /// Makes the changes that are due.
     pub(super) fn change_controllers(&mut self, t: T) {
         while let Some(change) = self.changes.get(self.next_change)
             && change.tick <= self.tick
         {
             let (robot, to) = (change.robot, change.to);
             self.next_change += 1;
-            self.swap(robot, to, t);
+            match to {
+                To::Controller(to) => self.swap(robot, to, t),
+                To::Model(to) => self.swap_models(robot, to, t),
+            }
         }
     }
 
@@ -97,21 +109,125 @@ impl<T: Scalar> World<T> {
                 told.hash = Some(hash.to_owned());
             }
         }
-        let text = match &told.refused {
-            Some(problem) => format!(
-                "{} could not take over, {} goes on: {problem}",
-                told.to, told.from
-            ),
-            None => {
-                self.rosters[robot].active = to;
-                self.silence(robot, old, new);
-                let hash = told.hash.as_ref();
-                let hash = hash.map_or(String::new(), |hash| format!(" ({})", &hash[..12]));
-                format!("{}{hash} took over from {}", told.to, told.from)
-            }
+        if told.refused.is_none() {
+            self.rosters[robot].active = to;
+            self.silence(robot, old, new);
+        }
+        self.tell_swap(robot, told, t);
+    }
+
+    /// Lets another model of a robot take over, if it can, and what commands it.
+    #[cold]
+    fn swap_models(&mut self, robot: usize, to: usize, t: T) {
+        let roster = &self.rosters[robot];
+        let from = roster.model;
+        if from == to {
+            return;
+        }
+        let mut told = Swapped {
+            t: t.lane(0),
+            robot: self.referees[robot].robot.clone(),
+            from: roster.models[from].clone(),
+            to: roster.models[to].clone(),
+            hash: None,
+            refused: None,
         };
-        self.tell(robot, "swap", text, t);
-        self.swapped.push(told);
+        let is_new = |slot: &Slot<T>| slot.robot == robot && slot.models & (1 << to) != 0;
+        let (old, new) = (self.driving[robot], self.plants.iter().position(is_new));
+        let new = new.expect("a model has its plant");
+        self.plants[old].observe(Detail::Everything, &mut self.row);
+        let written: Vec<usize> = self.plants[old].columns().collect();
+        let slot = &mut self.plants[new];
+        // What the old one does not know begins at zero.
+        let last = |k: usize| match written.contains(&k) {
+            true => self.row[k],
+            false => T::zero(),
+        };
+        let before: Vec<T> = slot.columns().map(last).collect();
+        slot.gather(&self.row);
+        told.hash = slot.block.origin().map(str::to_owned);
+        if let Err(error) = slot.block.take_over(&slot.buffer, &before) {
+            told.refused = Some(error.problem);
+        } else {
+            self.driving[robot] = new;
+            self.rosters[robot].model = to;
+            // Each sees the other's last words only.
+            let commanded = |models: u64| {
+                let slots = self.controllers.iter();
+                slots.filter(move |slot| {
+                    slot.robot == robot && slot.models != u64::MAX && slot.models & models != 0
+                })
+            };
+            let stays: Vec<usize> = self.plants[new]
+                .columns()
+                .chain(commanded(1 << to).flat_map(Slot::columns))
+                .collect();
+            let gone: Vec<usize> = written
+                .into_iter()
+                .chain(commanded(1 << from).flat_map(Slot::columns))
+                .collect();
+            self.zero(&gone, &stays);
+            self.plants[new].observe(Detail::Everything, &mut self.row);
+            self.command_anew(robot, to, t);
+        }
+        self.tell_swap(robot, told, t);
+    }
+
+    /// Lets what commands a model that took over do so at once: until it is due the model would be left to
+    /// itself.
+    fn command_anew(&mut self, robot: usize, model: usize, t: T) {
+        for k in 0..self.controllers.len() {
+            let slot = &mut self.controllers[k];
+            let is_new = slot.models != u64::MAX && slot.models & (1 << model) != 0;
+            if slot.robot != robot || !is_new || !slot.runs(&self.rosters) {
+                continue;
+            }
+            slot.gather(&self.row);
+            let before: Vec<T> = slot.columns().map(|k| self.row[k]).collect();
+            let mut begun = slot.block.take_over(&slot.buffer, &before);
+            if slot.due.next != self.tick {
+                let now = Now {
+                    ticks: &self.ticks,
+                    t,
+                    dt: slot.due.period as f64 * self.step,
+                };
+                begun = begun.and_then(|()| slot.step(&now, &mut self.row));
+            }
+            if let Err(error) = begun {
+                self.recover(error, robot, t);
+            }
+        }
+    }
+
+    /// Does what follows where a model could not go on for `dt`.
+    #[cold]
+    pub(super) fn recover_motion(&mut self, error: BlockError, robot: usize, t: T, dt: f64) {
+        let Recovery::Swap(to) = error.then else {
+            return match error.then {
+                Recovery::End => self.break_off(error, dt),
+                _ => self.recover(error, robot, t),
+            };
+        };
+        let then = format!("{} is to take over", self.rosters[robot].models[to]);
+        self.fail(error, robot, &then, t);
+        self.swap_models(robot, to, t);
+        let slot = &mut self.plants[self.driving[robot]];
+        slot.gather(&self.row);
+        let now = Now {
+            ticks: &self.ticks,
+            t,
+            dt,
+        };
+        if let Err(error) = slot.block.step(&now, &slot.buffer, &mut []) {
+            self.break_off(error, dt);
+        }
+    }
+
+    /// Zeros columns, but for some.
+    fn zero(&mut self, columns: &[usize], but: &[usize]) {
+        for &k in columns.iter().filter(|k| !but.contains(k)) {
+            self.row[k] = T::zero();
+        }
     }
 
     /// Zeros what only the controllers that went wrote.
@@ -121,13 +237,25 @@ impl<T: Scalar> World<T> {
             slots.filter(move |slot| slot.robot == robot && slot.with & with != 0)
         };
         let written: Vec<usize> = of(new).flat_map(Slot::columns).collect();
-        let silent: Vec<usize> = of(old)
-            .flat_map(Slot::columns)
-            .filter(|k| !written.contains(k))
-            .collect();
-        for k in silent {
-            self.row[k] = T::zero();
-        }
+        let silent: Vec<usize> = of(old).flat_map(Slot::columns).collect();
+        self.zero(&silent, &written);
+    }
+
+    /// Writes a change down.
+    fn tell_swap(&mut self, robot: usize, told: Swapped, t: T) {
+        let text = match &told.refused {
+            Some(problem) => format!(
+                "{} could not take over, {} goes on: {problem}",
+                told.to, told.from
+            ),
+            None => {
+                let hash = told.hash.as_ref();
+                let hash = hash.map_or(String::new(), |hash| format!(" ({})", &hash[..12]));
+                format!("{}{hash} took over from {}", told.to, told.from)
+            }
+        };
+        self.tell(robot, "swap", text, t);
+        self.swapped.push(told);
     }
 
     /// Does what follows where a controller could not go on.
@@ -136,15 +264,24 @@ impl<T: Scalar> World<T> {
         if error.then == Recovery::End {
             return self.break_off(error, 0.0);
         }
+        let recovery = error.then.clone();
+        let then = match recovery {
+            Recovery::Swap(to) => format!("{} is to take over", self.rosters[robot].names[to]),
+            _ => "its commands are zero from here".to_owned(),
+        };
+        self.fail(error, robot, &then, t);
+        if let Recovery::Swap(to) = recovery {
+            self.swap(robot, to, t);
+        }
+    }
+
+    /// Writes a failure down.
+    fn fail(&mut self, error: BlockError, robot: usize, then: &str, t: T) {
         let failure = Failure {
             t: t.lane(0),
             step: self.ticks[0],
             block: error.block,
             problem: error.problem,
-        };
-        let then = match error.then {
-            Recovery::Swap(to) => format!("{} is to take over", self.rosters[robot].names[to]),
-            _ => "its commands are zero from here".to_owned(),
         };
         let Failure {
             step,
@@ -155,9 +292,6 @@ impl<T: Scalar> World<T> {
         let text = format!("{block} failed at step {step}: {problem}; {then}");
         self.failures.push(failure);
         self.tell(robot, "fault", text, t);
-        if let Recovery::Swap(to) = error.then {
-            self.swap(robot, to, t);
-        }
     }
 
     /// An event of a robot, in a world of one trial.
@@ -172,6 +306,11 @@ impl<T: Scalar> World<T> {
             position: Some([x, y]),
         };
         self.events.push((0, event));
+    }
+
+    /// Names of a robot's models.
+    pub(crate) fn models(&self, robot: usize) -> &[String] {
+        &self.rosters[robot].models
     }
 
     /// Names of a robot's controllers.
@@ -193,8 +332,8 @@ impl<T: Scalar> World<T> {
     /// Lets another controller take over where `from` would have.
     pub(crate) fn redirect(&mut self, robot: usize, from: usize, to: usize) {
         for change in &mut self.changes[self.next_change..] {
-            if change.robot == robot && change.to == from {
-                change.to = to;
+            if change.robot == robot && change.to == To::Controller(from) {
+                change.to = To::Controller(to);
             }
         }
     }
@@ -256,6 +395,7 @@ impl<T: Scalar> World<T> {
             due,
             robot,
             with: 1 << new,
+            models: u64::MAX,
             shared: Some(Shared {
                 values: vec![T::zero(); columns.len()],
                 columns,

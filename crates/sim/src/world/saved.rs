@@ -1,13 +1,14 @@
 //! Worlds as bytes, to be saved and to go on.
 
-use super::{RestoreError, Slot, World};
+use super::{RestoreError, Roster, Slot, World};
 
 impl World {
     /// The whole state as bytes, at any tick.
     pub fn save(&self) -> Vec<u8> {
         let mut bytes = self.tick.to_le_bytes().to_vec();
         crate::block::save_numbers(&self.row, &mut bytes);
-        bytes.extend(self.rosters.iter().map(|roster| roster.active as u8));
+        let active = |roster: &Roster| [roster.active as u8, roster.model as u8];
+        bytes.extend(self.rosters.iter().flat_map(active));
         let told = serde_json::to_vec(&(&self.swapped, &self.failures));
         save_text(&told.expect("plain data"), &mut bytes);
         for slot in self.slots() {
@@ -29,12 +30,16 @@ impl World {
         let tick = u64::from_le_bytes(bytes.get(..8)?.try_into().ok()?);
         let mut at = 8;
         at += crate::block::restore_numbers(&mut self.row, &bytes[at..])?;
-        for roster in &mut self.rosters {
-            roster.active = usize::from(*bytes.get(at)?);
-            at += 1;
-            if roster.active >= roster.names.len().max(1) {
+        for (robot, roster) in self.rosters.iter_mut().enumerate() {
+            let [active, model] = bytes.get(at..)?.first_chunk()?;
+            roster.active = usize::from(*active);
+            roster.model = usize::from(*model);
+            at += 2;
+            if roster.active >= roster.names.len().max(1) || roster.model >= roster.models.len() {
                 return None;
             }
+            let moves = |slot: &Slot<f64>| slot.robot == robot && slot.models & (1 << model) != 0;
+            self.driving[robot] = self.plants.iter().position(moves)?;
         }
         let told = saved_text(bytes.get(at..)?)?;
         (self.swapped, self.failures) = serde_json::from_slice(told).ok()?;

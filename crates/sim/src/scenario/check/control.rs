@@ -42,12 +42,22 @@ pub(super) fn check_controllers(
             );
         }
     }
+    check_models(c, robot, &base, scenario, folder);
     for (name, controller) in robot.controllers() {
         let base = match name {
             FIRST => format!("{base}.controller"),
             _ => format!("{base}.standby.{name}.controller"),
         };
-        let place = Place { robot, base, name };
+        let turns = robot.controllers().map(|(name, own)| match own {
+            Controller::Plugin(plugin) => (name, plugin.fallback.as_deref()),
+            _ => (name, None),
+        });
+        let place = Place {
+            robot,
+            base,
+            name,
+            turns: turns.collect(),
+        };
         check_controller(c, &place, controller, driven, scenario, folder);
     }
 }
@@ -73,13 +83,15 @@ pub(super) fn check_swaps(c: &mut Checker, scenario: &Scenario) {
             );
             continue;
         };
-        check_standby(c, path("to"), robot, &swap.to);
+        let controllers = robot.controllers().map(|(name, _)| name);
+        let models = robot.models().filter(|_| !robot.model.is_empty());
+        check_standby(c, path("to"), controllers.chain(models).collect(), &swap.to);
     }
     // Robots by count are each run by themselves, and many.
     let counted = scenario.robot.iter().find(|robot| robot.count > 1);
     let foreign = scenario.robot.iter().find(|robot| {
-        let is_plugin = |(_, own): (&str, &Controller)| matches!(own, Controller::Plugin(_));
-        !robot.standby.is_empty() || robot.controllers().any(is_plugin)
+        let stands = !robot.standby.is_empty() || !robot.model.is_empty();
+        stands || robot.plugins().next().is_some()
     });
     if let (Some(counted), Some(foreign)) = (counted, foreign) {
         c.refuse(
@@ -93,18 +105,73 @@ pub(super) fn check_swaps(c: &mut Checker, scenario: &Scenario) {
     }
 }
 
-/// The name of one of a robot's controllers.
-fn check_standby(c: &mut Checker, path: String, robot: &Robot, name: &str) {
-    let known: Vec<&str> = robot.controllers().map(|(name, _)| name).collect();
+/// A name of one of those that take turns.
+fn check_standby(c: &mut Checker, path: String, known: Vec<&str>, name: &str) {
     if !known.contains(&name) {
         c.refuse(
             path,
-            format!("must be the name of a controller that stands by, got {name:?}"),
+            format!("must be the name of one that stands by, got {name:?}"),
             &match known.is_empty() {
                 true => "add [robot.controller] and [[robot.standby]]".to_owned(),
                 false => format!("one of {}", known.join(", ")),
             },
         );
+    }
+}
+
+/// Models that stand by.
+fn check_models(c: &mut Checker, robot: &Robot, base: &str, scenario: &Scenario, folder: &Path) {
+    if robot.model.is_empty() {
+        return;
+    }
+    let controllers = robot.controllers().map(|(name, _)| name);
+    let names = robot.models().chain(controllers);
+    c.unique(&format!("{base}.model"), "name", names);
+    if robot.model.len() > STANDBY_MAX {
+        let problem = format!("must be at most {STANDBY_MAX}, got {}", robot.model.len());
+        c.refuse(format!("{base}.model"), problem, "");
+    }
+    if !robot.wheel_noise.is_empty() {
+        c.refuse(
+            format!("{base}.wheel_noise"),
+            "must not stand beside models that take turns: each has commands of its own",
+            "leave the models out, or the noise",
+        );
+    }
+    let fallback = |plugin: &'_ Option<Plugin>| -> Option<String> {
+        plugin.as_ref().and_then(|plugin| plugin.fallback.clone())
+    };
+    let turns: Vec<(String, Option<String>)> = std::iter::once((FIRST_MODEL.to_owned(), None))
+        .chain(
+            robot
+                .model
+                .iter()
+                .map(|m| (m.name.clone(), fallback(&m.plugin))),
+        )
+        .collect();
+    for model in &robot.model {
+        let base = format!("{base}.model.{}", model.name);
+        c.name(format!("{base}.name"), &model.name);
+        let Some(plugin) = &model.plugin else {
+            continue;
+        };
+        if model.level.is_some() || model.drive.is_some() {
+            c.refuse(
+                format!("{base}.plugin"),
+                "must not stand beside level and drive",
+                "a model is either a level of this robot, or a plug-in",
+            );
+        }
+        let place = Place {
+            robot,
+            base: format!("{base}.plugin"),
+            name: &model.name,
+            turns: turns
+                .iter()
+                .map(|(name, to)| (name.as_str(), to.as_deref()))
+                .collect(),
+        };
+        check_plugin(c, &place, plugin, scenario.time.step, folder);
     }
 }
 
@@ -114,14 +181,22 @@ const FUEL_MAX: u64 = 1_000_000_000_000;
 const TIME_LIMIT_MAX: f64 = 3600.0;
 const MEMORY_MAX: u64 = 1 << 20;
 
-/// A controller's robot, path and name.
+/// A controller's, or a model's, robot, path and name, and those that take turns with it, each with the one that
+/// takes over when it fails.
 struct Place<'a> {
     robot: &'a Robot,
     base: String,
     name: &'a str,
+    turns: Vec<(&'a str, Option<&'a str>)>,
 }
 
-fn check_plugin(c: &mut Checker, place: &Place<'_>, plugin: &Plugin, step: f64, folder: &Path) {
+fn check_plugin<'a>(
+    c: &mut Checker,
+    place: &Place<'a>,
+    plugin: &'a Plugin,
+    step: f64,
+    folder: &Path,
+) {
     let path = |field: &str| format!("{}.{field}", place.base);
     c.period(path("period"), plugin.period, step);
     let (limit, memory) = (plugin.time_limit, plugin.memory);
@@ -154,7 +229,8 @@ fn check_plugin(c: &mut Checker, place: &Place<'_>, plugin: &Plugin, step: f64, 
         );
     }
     if let Some(fallback) = &plugin.fallback {
-        check_standby(c, path("fallback"), place.robot, fallback);
+        let known = place.turns.iter().map(|(name, _)| *name);
+        check_standby(c, path("fallback"), known.collect(), fallback);
         // Along the chain of those that take over from each other.
         let mut chain = vec![place.name];
         let mut next = Some(fallback.as_str());
@@ -169,11 +245,8 @@ fn check_plugin(c: &mut Checker, place: &Place<'_>, plugin: &Plugin, step: f64, 
                 break;
             }
             chain.push(name);
-            let mut known = place.robot.controllers();
-            next = known.find_map(|(own, controller)| match controller {
-                Controller::Plugin(plugin) if own == name => plugin.fallback.as_deref(),
-                _ => None,
-            });
+            let of_name = |(own, _): &&(&str, Option<&'a str>)| *own == name;
+            next = place.turns.iter().find(of_name).and_then(|(_, to)| *to);
         }
         if plugin.on_failure != OnFailure::Stop {
             c.refuse(
