@@ -354,11 +354,16 @@ pub struct Swap {
 #[serde(deny_unknown_fields)]
 pub struct Plugin {
     /// File, relative to the scenario file: a module of WebAssembly (`.wasm`), a Python file (`.py`), a
-    /// library with the C interface (`.so`, `.dylib`, `.dll`), or a program that speaks Appell's messages.
+    /// library with the C interface (`.so`, `.dylib`, `.dll`), an FMU for co-simulation (`.fmu`), or a program
+    /// that speaks Appell's messages.
     pub file: String,
     /// Period, s.
     #[serde(default = "defaults::control_period")]
     pub period: f64,
+    /// Signals below the robot that its ports stand for, by the port's name, where it calls them otherwise: `{ u =
+    /// "pose.x", y = "command.forward" }`, as FMUs do. What has no unit there takes the signal's.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub ports: BTreeMap<String, String>,
     /// Its parameters by name; those not named have its defaults.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, f64>,

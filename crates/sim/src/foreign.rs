@@ -178,29 +178,46 @@ impl<T: Scalar> Foreign<T> {
         let member = opened.create(&plugin.parameters, &context)?;
         let descriptor = opened.descriptor();
         let prefix = format!("robot.{}.", robot.name);
+        let known = |name: &String| {
+            let inputs = descriptor.inputs.iter().map(|port| &port.name);
+            inputs
+                .chain(descriptor.outputs.iter().map(|port| &port.name))
+                .any(|port| port == name)
+        };
+        if let Some(name) = plugin.ports.keys().find(|name| !known(name)) {
+            return Err(Fault {
+                field: format!("ports.{name}"),
+                problem: "must be a port of the plug-in".into(),
+                hint: "`appell plugin describe` lists them".into(),
+            });
+        }
         let (mut inputs, mut constants) = (Vec::new(), Vec::new());
         for (k, port) in descriptor.inputs.iter().enumerate() {
-            match request.constant(&port.name) {
+            let name = request.named(&port.name);
+            match request.constant(&name) {
                 Some(value) => {
                     request.in_unit(&port.name, "m", &port.unit)?;
                     constants.push((k, value));
                 }
-                None => inputs.push(request.input(&prefix, &port.name, &port.unit)?),
+                None => inputs.push(request.input(&prefix, &port.name, &name, &port.unit)?),
             }
         }
         let mut outputs = Vec::new();
         for port in &descriptor.outputs {
-            outputs.push(request.output(&prefix, &port.name, &port.unit)?);
+            let name = request.named(&port.name);
+            outputs.push(request.output(&prefix, &port.name, &name, &port.unit)?);
         }
         let writes = |begins: &str| {
-            descriptor
-                .outputs
-                .iter()
-                .any(|o| o.name.starts_with(begins))
+            let below = |port: &Port| port.path.strip_prefix(&prefix).map(str::to_owned);
+            let mut written = outputs.iter().filter_map(below);
+            written.any(|name| name.starts_with(begins))
         };
         let (twist, wheels) = (writes(COMMAND), writes("wheel."));
         if request.role == Role::Model {
-            let written = |name: &&&str| descriptor.outputs.iter().any(|o| o.name == **name);
+            let written = |name: &&&str| {
+                let path = format!("{prefix}{name}");
+                outputs.iter().any(|port| port.path == path)
+            };
             if let Some(name) = MOTION.iter().find(|name| !written(name)) {
                 return Err(Fault {
                     field: "outputs".into(),
@@ -359,107 +376,115 @@ impl Request<'_> {
         }
     }
 
+    /// The signal below the robot that a port stands for.
+    fn named(&self, port: &str) -> String {
+        match self.plugin.ports.get(port) {
+            Some(name) => name.clone(),
+            None => port.to_owned(),
+        }
+    }
+
+    /// Whether a unit is the signal's; of a port that was given a signal none will do.
+    fn agrees(&self, port: &str, has: &str, unit: &str) -> bool {
+        has == unit || unit.is_empty() && self.plugin.ports.contains_key(port)
+    }
+
     /// Refuses an input in another unit than it has.
-    fn in_unit(&self, name: &str, has: &str, unit: &str) -> Result<(), Fault> {
-        if has == unit {
+    fn in_unit(&self, port: &str, has: &str, unit: &str) -> Result<(), Fault> {
+        if self.agrees(port, has, unit) {
             return Ok(());
         }
         Err(Fault {
-            field: format!("inputs.{name}"),
+            field: format!("inputs.{port}"),
             problem: format!("must be in {has}, got {unit:?}"),
             hint: "name the unit that the signal has; values are in SI units".into(),
         })
     }
 
-    fn input(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
+    /// The signal that a port reads: `name` below the robot.
+    fn input(&self, prefix: &str, port: &str, name: &str, unit: &str) -> Result<Port, Fault> {
         let path = format!("{prefix}{name}");
+        let refuse = |problem: &str, hint: String| {
+            Err(Fault {
+                field: format!("inputs.{port}"),
+                problem: problem.into(),
+                hint,
+            })
+        };
         if self.role == Role::Model {
             let Some((_, wanted)) = COMMANDS.iter().find(|(known, _)| *known == name) else {
                 let names: Vec<&str> = COMMANDS.iter().map(|(name, _)| *name).collect();
-                return Err(Fault {
-                    field: format!("inputs.{name}"),
-                    problem: "must be a command, for a model".into(),
-                    hint: format!("one of {}, or beacon.NAME.x", names.join(", ")),
-                });
+                let hint = format!("one of {}, or beacon.NAME.x", names.join(", "));
+                return refuse("must be a command, for a model", hint);
             };
-            self.in_unit(name, wanted, unit)?;
-            return Ok(Port::new(path, unit));
+            self.in_unit(port, wanted, unit)?;
+            return Ok(Port::new(path, *wanted));
         }
-        let found = self.reach.known.iter().find(|port| port.path == path);
-        let field = format!("inputs.{name}");
-        match found {
-            Some(port) => {
-                self.in_unit(name, &port.unit, unit)?;
-                Ok(port.clone())
+        let known = &self.reach.known;
+        match known.iter().find(|known| known.path == path) {
+            Some(found) => {
+                self.in_unit(port, &found.unit, unit)?;
+                Ok(found.clone())
             }
             None => {
-                let names = self
-                    .reach
-                    .known
-                    .iter()
-                    .filter_map(|p| p.path.strip_prefix(prefix));
-                Err(Fault {
-                    field,
-                    problem: "must be a signal of the robot".into(),
-                    hint: format!(
-                        "it has: {}; or beacon.NAME.x",
-                        names.collect::<Vec<_>>().join(", ")
-                    ),
-                })
+                let names = known.iter().filter_map(|p| p.path.strip_prefix(prefix));
+                let names: Vec<&str> = names.collect();
+                let hint = format!("it has: {}; or beacon.NAME.x", names.join(", "));
+                refuse("must be a signal of the robot", hint)
             }
         }
     }
 
-    fn output(&self, prefix: &str, name: &str, unit: &str) -> Result<Port, Fault> {
-        let own = |path: &str| Port::new(format!("{prefix}{path}"), unit);
-        if self.role == Role::Model {
-            let path = format!("{prefix}{name}");
-            let moved = self.reach.moved.iter().find(|port| port.path == path);
-            return match moved {
-                Some(port) if port.unit == unit => Ok(port.clone()),
-                Some(port) => Err(Fault {
-                    field: format!("outputs.{name}"),
-                    problem: format!("must be in {}, got {unit:?}", port.unit),
-                    hint: "values are in SI units".into(),
-                }),
-                None if name.starts_with(OF_MODEL) => Ok(own(name)),
-                None => Err(Fault {
-                    field: format!("outputs.{name}"),
-                    problem: "must be a signal of the robot's motion, or of its own".into(),
-                    hint: format!("one of {}, or {OF_MODEL}NAME", MOTION.join(", ")),
-                }),
-            };
-        }
-        let wanted = match name {
-            "command.forward" | "command.left" => "m/s",
-            "command.yaw_rate" => "rad/s",
-            "brake" => "1",
-            _ if name.strip_prefix(OWN).is_some_and(|rest| !rest.is_empty()) => unit,
-            _ => match self
-                .reach
-                .commands
-                .iter()
-                .find(|(command, _)| command == name)
-            {
-                Some((_, port)) if port.unit == unit => return Ok(port.clone()),
-                Some((_, port)) => port.unit.as_str(),
-                None => {
-                    return Err(Fault {
-                        field: format!("outputs.{name}"),
-                        problem: "must be a command, or a signal of its own".into(),
-                        hint: format!("one of {}, or {OWN}NAME", self.writable().join(", ")),
-                    });
-                }
-            },
+    /// The signal that a port writes.
+    fn output(&self, prefix: &str, port: &str, name: &str, unit: &str) -> Result<Port, Fault> {
+        let (own, rule, names) = match self.role {
+            Role::Controller => (
+                OWN,
+                "must be a command, or a signal of its own",
+                self.writable(),
+            ),
+            Role::Model => (
+                OF_MODEL,
+                "must be a signal of the robot's motion, or of its own",
+                MOTION.to_vec(),
+            ),
         };
-        if wanted != unit {
-            return Err(Fault {
-                field: format!("outputs.{name}"),
-                problem: format!("must be in {wanted}, got {unit:?}"),
+        let path = format!("{prefix}{name}");
+        let port_of = |wanted: &str| Port::new(path.clone(), wanted);
+        let found = match (self.role, name) {
+            (Role::Model, _) => {
+                let mut moved = self.reach.moved.iter();
+                moved.find(|port| port.path == path).cloned()
+            }
+            (_, "command.forward" | "command.left") => Some(port_of("m/s")),
+            (_, "command.yaw_rate") => Some(port_of("rad/s")),
+            (_, "brake") => Some(port_of("1")),
+            _ => {
+                let mut commands = self.reach.commands.iter();
+                let found = commands.find(|(command, _)| command == name);
+                found.map(|(_, port)| port.clone())
+            }
+        };
+        match found {
+            Some(found) if self.agrees(port, &found.unit, unit) => Ok(found),
+            Some(found) => Err(Fault {
+                field: format!("outputs.{port}"),
+                problem: format!("must be in {}, got {unit:?}", found.unit),
                 hint: "values are in SI units".into(),
-            });
+            }),
+            None if name.strip_prefix(own).is_some_and(|rest| !rest.is_empty()) => {
+                Ok(Port::new(path, unit))
+            }
+            // An FMU has what outputs it has.
+            None if self.plugin.file.ends_with(".fmu") => {
+                Ok(Port::new(format!("{prefix}{own}{name}"), unit))
+            }
+            None => Err(Fault {
+                field: format!("outputs.{port}"),
+                problem: rule.into(),
+                hint: format!("one of {}, or {own}NAME", names.join(", ")),
+            }),
         }
-        Ok(own(name))
     }
 
     fn writable(&self) -> Vec<&str> {
