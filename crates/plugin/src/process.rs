@@ -20,6 +20,8 @@ pub struct Limits {
     pub answer: Duration,
     /// Most memory that it can address, MiB.
     pub memory: u64,
+    /// Most instructions, about, until a module has described itself, or made a member.
+    pub fuel_of_start: u64,
     /// Most instructions, about, of a module's step.
     pub fuel: u64,
     /// Whether a library is loaded into this process, where nothing limits it.
@@ -32,6 +34,7 @@ impl Default for Limits {
             start: Duration::from_secs(10),
             answer: Duration::from_secs(1),
             memory: 4096,
+            fuel_of_start: 500_000_000,
             fuel: 100_000_000,
             is_trusted: false,
         }

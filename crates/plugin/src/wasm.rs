@@ -19,8 +19,6 @@ use crate::wire::{BODY_MAX, Call};
 
 /// Largest module, bytes: what is larger takes too long to compile.
 const FILE_MAX: usize = 1 << 24;
-/// Instructions, about, until it has described itself, or made a member.
-const FUEL_OF_START: u64 = 500_000_000;
 /// Most stack that it can use, bytes.
 const STACK_MAX: usize = 1 << 19;
 /// Longest text that it can give, bytes.
@@ -47,6 +45,8 @@ pub(crate) struct Wasm {
     save: Option<TypedFunc<(i32, i32, i32), i32>>,
     restore: Option<TypedFunc<(i32, i32, i32), i32>>,
     take_over: Option<TypedFunc<(i32, i32), i32>>,
+    /// Instructions until it has described itself, or made a member.
+    fuel_of_start: u64,
     /// Instructions of a step.
     fuel: u64,
     /// Its place for what goes to and fro: address and size.
@@ -191,11 +191,12 @@ impl Wasm {
     /// Compiles a module and makes an instance of it.
     pub(crate) fn open(bytes: &[u8], limits: &Limits) -> Result<Wasm, Fault> {
         let module = compiled(bytes)?;
-        let failed = |error: wasmtime::Error| Fault::new("start", why(&error, FUEL_OF_START));
+        let fuel = limits.fuel_of_start;
+        let failed = |error: wasmtime::Error| Fault::new("start", why(&error, fuel));
         let memory = usize::try_from(limits.memory.saturating_mul(1 << 20)).unwrap_or(usize::MAX);
         let mut store = Store::new(engine(), Room { memory });
         store.limiter(|room| room);
-        store.set_fuel(FUEL_OF_START).map_err(failed)?;
+        store.set_fuel(fuel).map_err(failed)?;
         let mut linker = Linker::new(engine());
         mathematics(&mut linker).map_err(failed)?;
         for import in module.imports() {
@@ -234,6 +235,7 @@ impl Wasm {
             restore: option(&instance, &mut store, "appell_restore")?,
             take_over: option(&instance, &mut store, "appell_take_over")?,
             store,
+            fuel_of_start: limits.fuel_of_start,
             fuel: limits.fuel,
             place: (0, 0),
             members: Vec::new(),
@@ -286,7 +288,7 @@ impl Wasm {
     fn ask(&mut self, size: usize) -> Result<(), String> {
         let wanted = i32::try_from(size).map_err(|_| format!("has no room for {size} bytes"))?;
         let room = self.room.clone();
-        let at = self.call(FUEL_OF_START, &room, wanted)? as u32 as usize;
+        let at = self.call(self.fuel_of_start, &room, wanted)? as u32 as usize;
         let end = at.checked_add(size);
         let is_inside = end.is_some_and(|end| end <= self.memory.data_size(&self.store));
         if at == 0 || !at.is_multiple_of(8) || !is_inside {
@@ -404,7 +406,9 @@ impl Local for Wasm {
     fn describe(&mut self) -> Result<Value, Fault> {
         let refuse = |problem: String| Fault::new("describe", problem);
         let describe = self.describe.clone();
-        let at = self.call(FUEL_OF_START, &describe, ()).map_err(refuse)?;
+        let at = self
+            .call(self.fuel_of_start, &describe, ())
+            .map_err(refuse)?;
         let text = self.text(at).map_err(refuse)?;
         let text = text.ok_or_else(|| refuse("must be a text, got none".into()))?;
         serde_json::from_str(&text).map_err(|error| refuse(format!("must be JSON: {error}")))
@@ -428,7 +432,7 @@ impl Local for Wasm {
         let create = self.create.clone();
         let arguments = (at as i32, (at + words) as i32);
         let made = self
-            .call(FUEL_OF_START, &create, arguments)
+            .call(self.fuel_of_start, &create, arguments)
             .map_err(refuse)?;
         if made == 0 {
             let reason = self.reason(0).unwrap_or_else(|| "made no member".into());
