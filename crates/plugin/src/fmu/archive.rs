@@ -14,6 +14,8 @@ use crate::folder::Folder;
 
 /// Most entries of an archive.
 const ENTRIES_MAX: usize = 10_000;
+/// Most parts of a name: every folder is a file to the system, and open while what is in it is removed.
+const DEPTH_MAX: usize = 64;
 /// Most bytes that an archive unpacks to.
 const UNPACKED_MAX: u64 = 1 << 28;
 
@@ -54,6 +56,10 @@ fn unpack_within(file: &Path, limit: u64) -> Result<Folder, Fault> {
             let rule = "must stay in the archive: neither \"..\" nor a root may be in its path";
             return Err(about(rule.into()));
         };
+        if inner.components().count() > DEPTH_MAX {
+            let rule = format!("must be at most {DEPTH_MAX} folders deep");
+            return Err(refused(rule));
+        }
         let path = folder.path().join(inner);
         let failed = |error: io::Error| about(format!("cannot be unpacked: {error}"));
         if entry.is_dir() {
@@ -146,6 +152,19 @@ mod tests {
             let told = refusal(|writer, options| put(writer, options, name, b"!"));
             assert!(told.contains("must stay in the archive"), "{name}: {told}");
         }
+    }
+
+    #[test]
+    fn refusal_of_folders_without_end() {
+        let told = refusal(|writer, options| {
+            put(writer, options, &"d/".repeat(1900), b"");
+        });
+        assert_eq!(told, "file: must be at most 64 folders deep");
+        let (_kept, file) = archive(|writer, options| {
+            put(writer, options, &format!("{}x", "d/".repeat(63)), b"!");
+        });
+        let path = unpack(&file).expect("unpacked").path().to_owned();
+        assert!(!path.exists(), "a folder goes with what is in it");
     }
 
     #[test]
