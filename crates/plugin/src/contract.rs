@@ -9,6 +9,8 @@ use crate::wire::PROTOCOL;
 
 /// Most ports, and most parameters, of a plug-in.
 pub(crate) const PORTS_MAX: usize = 1024;
+/// Longest path of what is wrong, characters: names in it may be as long as they like.
+const FIELD_MAX: usize = 300;
 /// Longest text on what is wrong, characters.
 const PROBLEM_MAX: usize = 600;
 /// Longest name of anything, bytes.
@@ -29,15 +31,13 @@ pub struct Fault {
 impl Fault {
     /// What comes from outside is cut to a length that fits a line or two, and a terminal.
     pub(crate) fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
-        let problem: String = problem.into();
-        let plain = |c: char| if c.is_control() { ' ' } else { c };
-        let mut short: String = problem.chars().take(PROBLEM_MAX).map(plain).collect();
-        if short.len() < problem.len() {
-            short.push('…');
+        let mut problem = short(&problem.into(), PROBLEM_MAX);
+        if problem.trim().is_empty() {
+            problem = "gave no reason".into();
         }
         Fault {
-            field: field.into(),
-            problem: short,
+            field: short(&field.into(), FIELD_MAX),
+            problem,
             hint: String::new(),
         }
     }
@@ -48,6 +48,16 @@ impl Fault {
             ..self
         }
     }
+}
+
+/// The beginning of a text, of so many characters, on one line.
+fn short(text: &str, length: usize) -> String {
+    let plain = |c: char| if c.is_control() { ' ' } else { c };
+    let mut short: String = text.chars().take(length).map(plain).collect();
+    if text.chars().nth(length).is_some() {
+        short.push('…');
+    }
+    short
 }
 
 /// A plug-in as it describes itself.
@@ -273,4 +283,19 @@ fn check_names<'a>(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn invariant_a_fault_is_a_line_of_some_length() {
+        let told = Fault::new("place\u{9b}2J.\nname", "wrong\u{9b}2J").to_string();
+        assert_eq!(told, "place 2J. name: wrong 2J");
+        let silent = Fault::new("step", "\u{1} \n").to_string();
+        assert_eq!(silent, "step: gave no reason");
+        let long = Fault::new("x".repeat(1 << 16), "y".repeat(1 << 16)).to_string();
+        assert!(long.chars().count() < 1000);
+    }
 }

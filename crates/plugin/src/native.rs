@@ -127,7 +127,8 @@ impl Native {
     /// Why the last call failed, in its own words.
     fn reason(&self, made: *mut c_void) -> Option<String> {
         // SAFETY: the interface gives a text that ends with zero, or none, and takes no member for none.
-        self.reason.and_then(|reason| unsafe { text(reason(made)) })
+        let reason = self.reason.and_then(|reason| unsafe { text(reason(made)) });
+        reason.filter(|text| !text.is_empty())
     }
 }
 

@@ -346,7 +346,8 @@ impl Wasm {
         let reason = self.reason.clone()?;
         self.store.set_fuel(self.fuel).ok()?;
         let at = reason.call(&mut self.store, member).ok()?;
-        self.text(at).ok()?
+        let text = self.text(at).ok()?;
+        text.filter(|text| !text.is_empty())
     }
 
     fn told(&mut self, member: i32, code: i32) -> Result<(), String> {
