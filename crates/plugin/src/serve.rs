@@ -10,16 +10,27 @@ use crate::contract::Fault;
 /// The standard input is no socket, or cannot be spoken to.
 #[cfg(unix)]
 pub fn serve(file: &Path) -> std::io::Result<()> {
-    use std::io::{Read, Write};
     use std::os::fd::AsFd;
     use std::os::unix::net::UnixStream;
 
+    let mut stream = UnixStream::from(std::io::stdin().as_fd().try_clone_to_owned()?);
+    let server = crate::local::load(file).and_then(Server::new);
+    converse(&mut stream, server)
+}
+
+/// Answers until the requests end.
+#[cfg(unix)]
+pub(crate) fn converse(
+    stream: &mut (impl std::io::Read + std::io::Write),
+    mut server: Result<Server, Fault>,
+) -> std::io::Result<()> {
     use crate::wire::{self, kind};
 
-    let mut stream = UnixStream::from(std::io::stdin().as_fd().try_clone_to_owned()?);
-    let mut server = Server::open(file);
     let (mut body, mut answer) = (Vec::new(), Vec::new());
-    while let Some((length, request)) = wire::read_head(&mut stream)? {
+    while let Some((length, request)) = wire::read_head(stream)? {
+        if length > REQUEST_MAX {
+            return Err(std::io::ErrorKind::InvalidData.into());
+        }
         body.resize(length, 0);
         stream.read_exact(&mut body)?;
         let answered_as = |kind: u16| wire::Tag { kind, ..request };
@@ -48,8 +59,14 @@ pub fn serve(_file: &Path) -> std::io::Result<()> {
     Err(std::io::ErrorKind::Unsupported.into())
 }
 
+/// Longest body of a request, bytes: what a member remembers, and whose it is.
 #[cfg(unix)]
-struct Server {
+const REQUEST_MAX: usize = crate::wire::BODY_MAX + 4;
+
+/// A plug-in in this process that answers.
+#[cfg(unix)]
+#[derive(Debug)]
+pub(crate) struct Server {
     local: Box<dyn crate::local::Local>,
     described: serde_json::Value,
     /// Names of the parameters, and numbers of inputs and outputs.
@@ -60,8 +77,7 @@ struct Server {
 
 #[cfg(unix)]
 impl Server {
-    fn open(file: &Path) -> Result<Server, Fault> {
-        let mut local = crate::local::load(file)?;
+    pub(crate) fn new(mut local: Box<dyn crate::local::Local>) -> Result<Server, Fault> {
         let described = local.describe()?;
         let descriptor = crate::Descriptor::read(described.clone())?;
         Ok(Server {
@@ -161,4 +177,43 @@ fn each(bytes: &[u8]) -> impl Iterator<Item = f64> {
 #[cfg(unix)]
 fn numbers(bytes: &[u8]) -> Vec<f64> {
     each(bytes).collect()
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::io::{self, Write};
+
+    use super::*;
+
+    /// The head of a request, of which no more comes.
+    struct Head<'a>(&'a [u8]);
+
+    impl io::Read for Head<'_> {
+        fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+            self.0.read(bytes)
+        }
+    }
+
+    impl Write for Head<'_> {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn refusal_of_requests_that_are_too_long() {
+        let told = |length: usize| {
+            let mut bytes = [0, 0, 0, 0, 5, 0, 1, 0];
+            bytes[..4].copy_from_slice(&(length as u32).to_le_bytes());
+            let missing = Err(Fault::new("file", "is none"));
+            let failed = converse(&mut Head(&bytes), missing).expect_err("a failure");
+            failed.kind()
+        };
+        assert_eq!(told(REQUEST_MAX), io::ErrorKind::UnexpectedEof);
+        assert_eq!(told(REQUEST_MAX + 1), io::ErrorKind::InvalidData);
+    }
 }
