@@ -16,8 +16,8 @@
 // An FMU is foreign code: what it does cannot be checked, only what it returns.
 #![allow(unsafe_code)]
 
-mod archive;
-mod description;
+pub(crate) mod archive;
+pub(crate) mod description;
 mod three;
 mod two;
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A new folder among the temporary files, which goes with all that is in it when this is dropped.
 #[derive(Debug)]
-pub(crate) struct Folder(PathBuf);
+pub struct Folder(PathBuf);
 
 impl Folder {
     /// Makes one that was not there before, and that only its owner may enter.
@@ -29,7 +29,7 @@ impl Folder {
     }
 
     /// Where it is, from the root.
-    pub(crate) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.0
     }
 }

@@ -14,6 +14,9 @@ mod conformance;
 mod contract;
 mod fmu;
 mod folder;
+#[cfg(all(feature = "fuzz", unix))]
+#[doc(hidden)]
+pub mod fuzz;
 mod local;
 mod native;
 mod process;

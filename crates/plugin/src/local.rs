@@ -17,7 +17,7 @@ pub(crate) const ABI: u32 = 1;
 /// A host whose plug-in runs in this process: beside the simulation, or in a child that serves it.
 ///
 /// Members are made under numbers that the caller chooses. A text for an error is what the plug-in says.
-pub(crate) trait Local: Debug + Send {
+pub trait Local: Debug + Send {
     /// What the plug-in says of itself.
     fn describe(&mut self) -> Result<Value, Fault>;
 

@@ -23,7 +23,7 @@ const UNPACKED_MAX: u64 = 1 << 28;
 ///
 /// # Errors
 /// It is no archive, would write elsewhere, or is larger than it may be.
-pub(super) fn unpack(file: &Path) -> Result<Folder, Fault> {
+pub(crate) fn unpack(file: &Path) -> Result<Folder, Fault> {
     unpack_within(file, UNPACKED_MAX)
 }
 

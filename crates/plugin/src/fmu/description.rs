@@ -33,7 +33,7 @@ pub(super) enum Version {
 
 /// What of a description matters here.
 #[derive(Debug)]
-pub(super) struct Description {
+pub(crate) struct Description {
     /// Version of the standard.
     pub(super) version: Version,
     /// What the binary checks to be its own.
@@ -61,7 +61,7 @@ impl Description {
     ///
     /// # Errors
     /// It is missing or cannot be read.
-    pub(super) fn open(folder: &std::path::Path) -> Result<Description, Fault> {
+    pub(crate) fn open(folder: &std::path::Path) -> Result<Description, Fault> {
         let path = folder.join(FILE);
         let length = std::fs::metadata(&path).map_or(0, |about| about.len());
         if length > SIZE_MAX {
@@ -80,7 +80,7 @@ impl Description {
     ///
     /// # Errors
     /// It is of an unknown version, of another kind than co-simulation, or breaks the standard.
-    pub(super) fn read(text: &str) -> Result<Description, Fault> {
+    pub(crate) fn read(text: &str) -> Result<Description, Fault> {
         let options = ParsingOptions {
             nodes_limit: NODES_MAX,
             ..ParsingOptions::default()
@@ -149,7 +149,7 @@ impl Description {
     }
 
     /// What it is to a host, as a message.
-    pub(super) fn described(&self) -> Value {
+    pub(crate) fn described(&self) -> Value {
         serde_json::to_value(&self.descriptor).expect("texts and finite numbers are JSON")
     }
 }
