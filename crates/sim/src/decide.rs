@@ -65,9 +65,9 @@ impl<T: Scalar> Deciding<'_, '_, T> {
         models: &[Standing<T>],
     ) -> Result<(Vec<Controlled<T>>, Vec<String>), Diagnostics> {
         let robot = self.robot;
-        let mut blocks = Vec::new();
+        let step = self.loaded.scenario.time.step;
+        let mut blocks: Vec<Controlled<T>> = Vec::new();
         let mut crew = Vec::new();
-        let mut servos: Vec<(Box<dyn Block<T>>, f64, u64, usize)> = Vec::new();
         // Those that command the twist, a bit each, and the shortest periods of them and of all.
         let (mut twisted, mut of_twisted, mut of_all) = (0_u64, f64::INFINITY, f64::INFINITY);
         for (k, (name, controller)) in robot.controllers().enumerate() {
@@ -79,31 +79,12 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                 of_twisted = of_twisted.min(period);
             }
             crew.push(name.to_owned());
-            blocks.push((block, period, 1 << k));
-        }
-        let everyone = match crew.len() {
-            0 => return Ok((Vec::new(), crew)),
-            1 => u64::MAX,
-            count => (1 << count) - 1,
-        };
-        if let [(.., with)] = &mut blocks[..] {
-            *with = everyone;
-        }
-        let mut last = of_all;
-        if twisted != 0 {
-            last = robot.servo.period.unwrap_or(of_twisted);
-            let command = |wheel: &Wheel<T>| command_port(robot, wheel);
-            let first = servo(robot, self.platform, last, &command, self.values);
-            let with = if crew.len() == 1 { everyone } else { twisted };
-            servos.push((Box::new(first), last, with, 0));
-            for (k, model) in models.iter().enumerate() {
-                let Some((robot, platform)) = &model.own else {
-                    continue;
-                };
-                let command = |wheel: &Wheel<T>| command_port(robot, wheel);
-                let servo = servo(robot, platform, last, &command, self.values);
-                servos.push((Box::new(servo), last, with, k + 1));
-            }
+            blocks.push(Controlled {
+                block,
+                period: ticks(period, step),
+                with: 1 << k,
+                models: u64::MAX,
+            });
         }
         if !models.is_empty() && twisted.count_ones() as usize != crew.len() {
             return Err(refuse(
@@ -114,17 +95,46 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                 "command.forward and command.yaw_rate mean the same to every model".into(),
             ));
         }
+        let everyone = match crew.len() {
+            0 => return Ok((Vec::new(), crew)),
+            1 => u64::MAX,
+            count => (1 << count) - 1,
+        };
+        if let [only] = &mut blocks[..] {
+            only.with = everyone;
+        }
+        let mut last = of_all;
+        if twisted != 0 {
+            last = robot.servo.period.unwrap_or(of_twisted);
+            let standing = models.iter().map(|model| model.own.as_ref());
+            let standing = standing.map(|own| own.map(|(robot, platform)| (robot, platform)));
+            let all = std::iter::once(Some((robot, self.platform))).chain(standing);
+            for (k, own) in all.enumerate() {
+                let Some((robot, platform)) = own else {
+                    continue;
+                };
+                let command = |wheel: &Wheel<T>| command_port(robot, wheel);
+                blocks.push(Controlled {
+                    block: Box::new(servo(robot, platform, last, &command, self.values)),
+                    period: ticks(last, step),
+                    with: if crew.len() == 1 { everyone } else { twisted },
+                    models: if models.is_empty() { u64::MAX } else { 1 << k },
+                });
+            }
+        }
         if crew.len() > 1 {
             last = last.min(of_all);
         }
         if !robot.wheel_noise.is_empty() {
-            let noise = wheel_noise(self.loaded, robot, self.platform, self.key, self.values)?;
-            blocks.push((noise, last, everyone));
+            blocks.push(Controlled {
+                block: wheel_noise(self.loaded, robot, self.platform, self.key, self.values)?,
+                period: ticks(last, step),
+                with: everyone,
+                models: u64::MAX,
+            });
         }
         let mut units: BTreeMap<&str, &str> = BTreeMap::new();
-        let all = blocks.iter().map(|(block, ..)| block);
-        let all = all.chain(servos.iter().map(|(block, ..)| block));
-        for port in all.flat_map(|block| block.outputs()) {
+        for port in blocks.iter().flat_map(|one| one.block.outputs()) {
             let unit = units.entry(&port.path).or_insert(&port.unit);
             if *unit != port.unit {
                 return Err(refuse(
@@ -138,24 +148,7 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                 ));
             }
         }
-        let step = self.loaded.scenario.time.step;
-        let is_noisy = !robot.wheel_noise.is_empty();
-        let noise = if is_noisy { blocks.pop() } else { None };
-        let any = |(block, period, with)| (block, period, with, None);
-        let of_model = |(block, period, with, k)| (block, period, with, Some(k));
-        let controlled = blocks.into_iter().map(any);
-        let controlled = controlled.chain(servos.into_iter().map(of_model));
-        let controlled = controlled.chain(noise.into_iter().map(any));
-        let controlled = controlled.map(|(block, period, with, model)| Controlled {
-            block,
-            period: ticks(period, step),
-            with,
-            models: match (models.is_empty(), model) {
-                (false, Some(k)) => 1 << k,
-                _ => u64::MAX,
-            },
-        });
-        Ok((controlled.collect(), crew))
+        Ok((blocks, crew))
     }
 
     /// The models that stand by.

@@ -30,6 +30,8 @@ pub fn run(root: &Path) -> Result<(), String> {
                 "clippy",
                 "--release",
                 "--workspace",
+                "--features",
+                "appell/wasm",
                 "--all-targets",
                 "--",
                 "-D",
@@ -53,14 +55,37 @@ pub fn run(root: &Path) -> Result<(), String> {
                 "crates/sim/web",
             ],
         ),
-        // Debug and release must give the same bits: the tests compare the two binaries.
+        // Debug and release must give the same bits: the tests compare the two binaries. The first is the
+        // program without its features.
         step("debug build", "cargo", &["build", "--package", "appell"]),
         step(
             "release build",
             "cargo",
-            &["build", "--release", "--package", "appell"],
+            &[
+                "build",
+                "--release",
+                "--package",
+                "appell",
+                "--features",
+                "wasm",
+            ],
         ),
-        step("tests", "cargo", &["test", "--release", "--workspace"]),
+        step(
+            "tests",
+            "cargo",
+            &[
+                "test",
+                "--release",
+                "--workspace",
+                "--features",
+                "appell/wasm",
+            ],
+        ),
+        step(
+            "tests of the SDK in Rust",
+            "cargo",
+            &["test", "--manifest-path", "sdk/rust/Cargo.toml"],
+        ),
     ];
     for step in steps {
         println!(
@@ -86,6 +111,15 @@ pub fn run(root: &Path) -> Result<(), String> {
     }
     println!("\nall checks passed");
     Ok(())
+}
+
+/// Whether the toolchain compiles for a target.
+fn has_target(root: &Path, target: &str) -> bool {
+    let output = Command::new("rustup")
+        .args(["target", "list", "--installed"])
+        .current_dir(root)
+        .output();
+    output.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains(target))
 }
 
 /// Installs what the checks need and the machine lacks. Nothing is skipped in silence: what cannot
@@ -127,6 +161,19 @@ fn provide(root: &Path) -> Result<(), String> {
         works("cargo", &["deny", "--version"]),
         "cargo",
         &["install", "cargo-deny", "--locked"],
+    )?;
+    // What the plug-ins of the tests are compiled with.
+    need(
+        "the target wasm32-unknown-unknown",
+        has_target(root, "wasm32-unknown-unknown"),
+        "rustup",
+        &["target", "add", "wasm32-unknown-unknown"],
+    )?;
+    need(
+        "clang and lld",
+        works("clang", &["--version"]) && works("wasm-ld", &["--version"]),
+        "sh",
+        &["-c", "apt-get update && apt-get install --yes clang lld"],
     )?;
     need(
         "npx (Node)",
