@@ -407,3 +407,102 @@ fn invariant_what_was_watched_repeats() {
     };
     assert_eq!(made(&first), made(&summary(&again)));
 }
+
+const FMU: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Lag" guid="{lag}">
+  <CoSimulation modelIdentifier="lag" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <ScalarVariable name="u" valueReference="1" causality="input"><Real start="0"/></ScalarVariable>
+    <ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="T" valueReference="3" causality="parameter" variability="fixed"><Real start="1"/></ScalarVariable>
+    <ScalarVariable name="start" valueReference="6" causality="output"><Real/></ScalarVariable>
+  </ModelVariables>
+</fmiModelDescription>
+"#;
+
+/// An FMU, whose ports are called as it likes, drives a robot: its speed follows the distance from the wall, with
+/// a lag.
+#[test]
+fn invariant_an_fmu_drives() {
+    let folder = fresh("fmu");
+    let binaries = folder.join("binaries/linux64");
+    std::fs::create_dir_all(&binaries).expect("a folder");
+    std::fs::write(folder.join("modelDescription.xml"), FMU).expect("a file");
+    let source = Path::new(ROOT).join("crates/plugin/tests/fmu/two.c");
+    done(
+        Command::new("cc")
+            .args(["-shared", "-fPIC", "-O2", "-o"])
+            .args([&binaries.join("lag.so"), &source])
+            .arg("-lm"),
+    );
+    done(
+        Command::new("python3")
+            .args([
+                "-m",
+                "zipfile",
+                "-c",
+                "lag.fmu",
+                "modelDescription.xml",
+                "binaries",
+            ])
+            .current_dir(&folder),
+    );
+    let plugin = r#"file = "lag.fmu", period = 0.02, parameters = { T = 0.5 }"#;
+    let text = SCENARIO.replace("ROOT", ROOT);
+    let (begin, _) = text.split_once("file = \"law.wasm\"").expect("a plug-in");
+    let scenario = folder.join("scenario.toml");
+    let out = folder.join("out");
+    let run = |ports: &str| {
+        let text = format!("{begin}{plugin}{ports} }}\n");
+        std::fs::write(&scenario, text).expect("a file");
+        appell(&[
+            "run",
+            word(&scenario),
+            "--no-report",
+            "--csv",
+            "--out",
+            word(&out),
+        ])
+    };
+    let ran = run(", ports = { u = \"pose.x\", y = \"command.forward\" }");
+    assert!(
+        text_of(&out).contains("robot.driven.controller.start"),
+        "{}",
+        text(&ran)
+    );
+    let told = summary(&out);
+    assert_eq!(told["failures"], Value::Null);
+    // A lag of 0.5 s towards 1 m/s has come to 1 − e⁻¹ of it after half a second, and the robot moves meanwhile.
+    let table = text_of(&out);
+    let head = table.lines().next().expect("a head");
+    let place = head
+        .split(',')
+        .position(|name| name == "robot.driven.command.forward");
+    let last = table.lines().last().expect("rows").split(',');
+    let speed: f64 = last
+        .into_iter()
+        .nth(place.expect("a column"))
+        .expect("a cell")
+        .parse()
+        .expect("a number");
+    assert!((0.6..0.8).contains(&speed), "{speed}");
+
+    let ran = run(", ports = { u = \"pose.x\", v = \"command.forward\" }");
+    assert_eq!(ran.status.code(), Some(2));
+    assert!(
+        text(&ran).contains("ports.v: must be a port of the plug-in"),
+        "{}",
+        text(&ran)
+    );
+    let ran = run("");
+    assert!(
+        text(&ran).contains("inputs.u: must be a signal of the robot"),
+        "{}",
+        text(&ran)
+    );
+}
+
+/// The table of a run.
+fn text_of(out: &Path) -> String {
+    std::fs::read_to_string(out.join("recording.csv")).expect("a recording")
+}

@@ -176,6 +176,15 @@ fn provide(root: &Path) -> Result<(), String> {
         &["-c", "apt-get update && apt-get install --yes clang lld"],
     )?;
     need(
+        "pythonfmu, which makes FMUs",
+        works("python3", &["-c", "import pythonfmu"]),
+        "sh",
+        &[
+            "-c",
+            "python3 -m pip install pythonfmu || python3 -m pip install --break-system-packages pythonfmu",
+        ],
+    )?;
+    need(
         "npx (Node)",
         works("npx", &["--version"]),
         "sh",
