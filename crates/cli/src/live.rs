@@ -221,7 +221,7 @@ fn renewed(workshop: &Workshop, file: &mut Watched, folder: &Path) -> Option<New
     }
     file.hash = hash;
     file.versions += 1;
-    let name = version(&file.source.controller, file.versions);
+    let name = version(&file.source.name, file.versions);
     // Beside the first version's copy; what lies elsewhere has its versions in the folder itself.
     let own = Path::new(&file.source.file);
     let is_below = own

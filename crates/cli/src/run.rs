@@ -10,7 +10,7 @@ use appell_sim::record::{
 };
 use appell_sim::report::{self, Press};
 use appell_sim::run::{Outcome, Run, Summary};
-use appell_sim::scenario::{self, Controller, Format, Loaded, Robot, Scenario};
+use appell_sim::scenario::{self, Format, Loaded, Robot, Scenario};
 use appell_sim::world::SimError;
 use serde_json::Value;
 
@@ -171,11 +171,8 @@ fn written(folder: &Path, options: &RunOptions) -> String {
 
 /// Files of plug-ins that lie below the scenario's folder.
 fn plugins(scenario: &Scenario) -> impl Iterator<Item = &Path> {
-    let controllers = scenario.robot.iter().flat_map(Robot::controllers);
-    let files = controllers.filter_map(|(_, controller)| match controller {
-        Controller::Plugin(plugin) => Some(Path::new(&plugin.file)),
-        _ => None,
-    });
+    let plugins = scenario.robot.iter().flat_map(Robot::plugins);
+    let files = plugins.map(|(_, plugin)| Path::new(&plugin.file));
     files.filter(|file| {
         let mut parts = file.components();
         parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir))

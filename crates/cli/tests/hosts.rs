@@ -448,13 +448,13 @@ fn invariant_an_fmu_drives() {
             .current_dir(&folder),
     );
     let plugin = r#"file = "lag.fmu", period = 0.02, parameters = { T = 0.5 }"#;
-    let text = SCENARIO.replace("ROOT", ROOT);
-    let (begin, _) = text.split_once("file = \"law.wasm\"").expect("a plug-in");
+    let whole = SCENARIO.replace("ROOT", ROOT);
+    let (begin, _) = whole.split_once("file = \"law.wasm\"").expect("a plug-in");
     let scenario = folder.join("scenario.toml");
     let out = folder.join("out");
     let run = |ports: &str| {
-        let text = format!("{begin}{plugin}{ports} }}\n");
-        std::fs::write(&scenario, text).expect("a file");
+        let own = format!("{begin}{plugin}{ports} }}\n");
+        std::fs::write(&scenario, own).expect("a file");
         appell(&[
             "run",
             word(&scenario),

@@ -98,16 +98,19 @@ impl Robot {
         std::iter::once(FIRST_MODEL).chain(standby)
     }
 
-    /// Its plug-ins, of controllers and of models.
-    pub fn plugins(&self) -> impl Iterator<Item = &Plugin> {
+    /// Its plug-ins by name, of controllers and of models.
+    pub fn plugins(&self) -> impl Iterator<Item = (&str, &Plugin)> {
         let controllers = self
             .controllers()
-            .filter_map(|(_, controller)| match controller {
-                Controller::Plugin(plugin) => Some(plugin),
+            .filter_map(|(name, controller)| match controller {
+                Controller::Plugin(plugin) => Some((name, plugin)),
                 _ => None,
             });
-        let models = self.model.iter();
-        controllers.chain(models.filter_map(|model| model.plugin.as_ref()))
+        let models = self.model.iter().filter_map(|model| {
+            let plugin = model.plugin.as_ref()?;
+            Some((model.name.as_str(), plugin))
+        });
+        controllers.chain(models)
     }
 }
 

@@ -149,7 +149,7 @@ pub(crate) struct Reach {
 /// Files of plug-ins with their SHA-256, a line each: what a scenario's text does not say of them.
 pub(crate) fn digests(scenario: &Scenario, folder: &Path) -> String {
     let files = scenario.robot.iter().flat_map(Robot::plugins);
-    let files = files.map(|plugin| plugin.file.as_str());
+    let files = files.map(|(_, plugin)| plugin.file.as_str());
     let line = |file: &str| {
         let bytes = std::fs::read(folder.join(file)).unwrap_or_default();
         format!("\n# {file} {}", appell_plugin::digest(&bytes))

@@ -1,4 +1,4 @@
-//! Changes of controllers that nobody planned: on command, or because a file changed while the run went on.
+//! Changes of controllers and models that nobody planned: on command, or because a file changed while the run went on.
 //!
 //! A new version of a plug-in is opened apart from the run ([`Workshop::open`]), on another thread if need
 //! be, and joins it between two steps ([`Run::install`]). What was changed is written down as a scenario that
@@ -12,7 +12,7 @@ use appell_plugin::Fault;
 use crate::foreign::{Foreign, Pool, Reach, Request, Role};
 use crate::plan::Path;
 use crate::run::Run;
-use crate::scenario::{Controller, Plugin, Robot, STANDBY_MAX, Scenario, Standby, Swap};
+use crate::scenario::{Controller, Model, Plugin, Robot, STANDBY_MAX, Scenario, Standby, Swap};
 use crate::world::{Change, To};
 
 /// What new versions of a run's plug-ins are opened with.
@@ -30,8 +30,8 @@ pub struct Workshop {
 pub struct Source {
     /// Name of the robot.
     pub robot: String,
-    /// Name among the robot's controllers.
-    pub controller: String,
+    /// Name among the robot's controllers, or its models.
+    pub name: String,
     /// File, as the scenario names it.
     pub file: String,
 }
@@ -39,6 +39,7 @@ pub struct Source {
 /// A new version of a plug-in, ready to join.
 pub struct Successor {
     robot: usize,
+    role: Role,
     /// Whose place it takes, and its own name.
     of: String,
     name: String,
@@ -72,15 +73,12 @@ impl Workshop {
     /// The plug-ins that the scenario names.
     pub fn sources(&self) -> Vec<Source> {
         let of_robot = |robot: &Robot| {
-            let source = |(name, controller): (&str, &Controller)| match controller {
-                Controller::Plugin(plugin) => Some(Source {
-                    robot: robot.name.clone(),
-                    controller: name.to_owned(),
-                    file: plugin.file.clone(),
-                }),
-                _ => None,
+            let source = |(name, plugin): (&str, &Plugin)| Source {
+                robot: robot.name.clone(),
+                name: name.to_owned(),
+                file: plugin.file.clone(),
             };
-            robot.controllers().filter_map(source).collect::<Vec<_>>()
+            robot.plugins().map(source).collect::<Vec<_>>()
         };
         self.scenario.robot.iter().flat_map(of_robot).collect()
     }
@@ -101,10 +99,14 @@ impl Workshop {
         let index = self.scenario.robot.iter().position(named);
         let index = index.expect("a source names a robot of the scenario");
         let robot = &self.scenario.robot[index];
-        let mut controllers = robot.controllers();
-        let of_name = |(known, _): &(&str, &Controller)| *known == source.controller;
-        let Some((_, Controller::Plugin(plugin))) = controllers.find(of_name) else {
-            unreachable!("a source names a plug-in of its robot");
+        let of_name = |(known, _): &(&str, &Plugin)| *known == source.name;
+        let (_, plugin) = robot
+            .plugins()
+            .find(of_name)
+            .expect("a source names a plug-in of its robot");
+        let role = match robot.models().any(|model| model == source.name) {
+            true => Role::Model,
+            false => Role::Controller,
         };
         let plugin = Plugin {
             file: file.to_owned(),
@@ -120,12 +122,13 @@ impl Workshop {
             trial: self.trial,
             way: self.paths[index].as_ref(),
             reach: &self.reaches[index],
-            role: Role::Controller,
+            role,
         };
         let block = Foreign::new(&request, &self.pool)?;
         Ok(Successor {
             robot: index,
-            of: source.controller.clone(),
+            role,
+            of: source.name.clone(),
             name: name.to_owned(),
             block,
             plugin,
@@ -133,11 +136,19 @@ impl Workshop {
     }
 }
 
+/// A version that joined: its robot, what it is, its name, and its file with all that belongs to it.
+struct Joined {
+    robot: usize,
+    role: Role,
+    name: String,
+    plugin: Plugin,
+}
+
 /// What was changed by hand, as a scenario would say it.
 #[derive(Default)]
 pub(crate) struct Script {
-    /// Versions, in the order in which they joined: robot and controller.
-    joined: Vec<(usize, Standby)>,
+    /// Versions, in the order in which they joined.
+    joined: Vec<Joined>,
     /// All changes, planned ones, too.
     swaps: Vec<Swap>,
     is_changed: bool,
@@ -210,54 +221,58 @@ impl Run {
     pub fn install(&mut self, successor: Successor) -> Result<(), Unchanged> {
         let Successor {
             robot,
+            role,
             of,
             name,
             block,
             plugin,
         } = successor;
-        let crew = self.world.crew(robot);
-        if crew.len() > STANDBY_MAX {
+        let known = match role {
+            Role::Controller => self.world.crew(robot),
+            Role::Model => self.world.models(robot),
+        };
+        if known.len() > STANDBY_MAX {
             return Err(Unchanged(format!(
                 "there are {STANDBY_MAX} versions already; start the run anew"
             )));
         }
         // Of versions the newest.
-        let versions: Vec<&str> = self
-            .script
-            .joined
-            .iter()
-            .filter(|(at, _)| *at == robot)
-            .map(|(_, standby)| standby.name.as_str())
-            .collect();
+        let versions = self.script.joined.iter().filter(|one| one.robot == robot);
+        let versions: Vec<&str> = versions.map(|one| one.name.as_str()).collect();
         let is_version =
             |known: &str| known == of || versions.contains(&known) && of_line(known, &of);
-        let like = crew.iter().rposition(|known| is_version(known));
+        let like = known.iter().rposition(|known| is_version(known));
         let like = like.expect("a successor has a predecessor");
-        let new = self
-            .world
-            .join(robot, like, name.clone(), Box::new(block))
-            .map_err(Unchanged)?;
-        let old = self.world.crew(robot)[like].clone();
-        let tick = self.world.tick();
-        let at = tick as f64 * self.scenario().time.step;
+        let old_name = known[like].clone();
+        let block = Box::new(block);
+        let (old, new) = match role {
+            Role::Controller => {
+                let joined = self.world.join(robot, like, name.clone(), block);
+                (To::Controller(like), joined.map(To::Controller))
+            }
+            Role::Model => {
+                let joined = self.world.join_model(robot, name.clone(), block);
+                (To::Model(like), joined.map(To::Model))
+            }
+        };
+        let new = new.map_err(Unchanged)?;
+        let at = self.world.tick() as f64 * self.scenario().time.step;
         let robot_name = self.scenario().robot[robot].name.clone();
         for swap in &mut self.script.swaps {
-            if swap.at >= at && swap.robot == robot_name && swap.to == old {
+            if swap.at >= at && swap.robot == robot_name && swap.to == old_name {
                 swap.to.clone_from(&name);
             }
         }
-        self.world.redirect(robot, like, new);
-        let controller = Controller::Plugin(plugin);
-        self.script.joined.push((
+        self.world.redirect(robot, old, new);
+        self.script.joined.push(Joined {
             robot,
-            Standby {
-                name: name.clone(),
-                controller,
-            },
-        ));
+            role,
+            name: name.clone(),
+            plugin,
+        });
         self.script.is_changed = true;
-        if self.world.active(robot) == like {
-            self.schedule(robot, To::Controller(new), name);
+        if self.world.is_active(robot, old) {
+            self.schedule(robot, new, name);
         }
         Ok(())
     }
@@ -266,7 +281,7 @@ impl Run {
     pub fn refuse(&mut self, source: &Source, name: &str, problem: &str) {
         let named = |robot: &Robot| robot.name == source.robot;
         if let Some(robot) = self.scenario().robot.iter().position(named) {
-            self.world.refuse(robot, name, problem);
+            self.world.refuse(robot, &source.name, name, problem);
         }
     }
 
@@ -277,8 +292,26 @@ impl Run {
             return None;
         }
         let mut scenario = self.scenario().clone();
-        for (robot, standby) in &self.script.joined {
-            scenario.robot[*robot].standby.push(standby.clone());
+        for Joined {
+            robot,
+            role,
+            name,
+            plugin,
+        } in &self.script.joined
+        {
+            let (robot, name) = (&mut scenario.robot[*robot], name.clone());
+            match role {
+                Role::Controller => robot.standby.push(Standby {
+                    name,
+                    controller: Controller::Plugin(plugin.clone()),
+                }),
+                Role::Model => robot.model.push(Model {
+                    name,
+                    level: None,
+                    drive: None,
+                    plugin: Some(plugin.clone()),
+                }),
+            }
         }
         scenario.swap = self.script.swaps.clone();
         Some(scenario)

@@ -4,7 +4,7 @@ use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 
 use super::{Shared, Slot, World};
-use crate::block::{Block, BlockError, Detail, Now, Recovery};
+use crate::block::{Block, BlockError, Detail, Now, Port, Recovery};
 use crate::record::Event;
 
 /// A change of controllers.
@@ -202,11 +202,10 @@ impl<T: Scalar> World<T> {
     /// Does what follows where a model could not go on for `dt`.
     #[cold]
     pub(super) fn recover_motion(&mut self, error: BlockError, robot: usize, t: T, dt: f64) {
-        let Recovery::Swap(to) = error.then else {
-            return match error.then {
-                Recovery::End => self.break_off(error, dt),
-                _ => self.recover(error, robot, t),
-            };
+        let to = match error.then {
+            Recovery::End => return self.break_off(error, dt),
+            Recovery::Stop => return self.fail(error, robot, "it stays where it is", t),
+            Recovery::Swap(to) => to,
         };
         let then = format!("{} is to take over", self.rosters[robot].models[to]);
         self.fail(error, robot, &then, t);
@@ -318,9 +317,13 @@ impl<T: Scalar> World<T> {
         &self.rosters[robot].names
     }
 
-    /// Place of the controller of a robot that runs.
-    pub(crate) fn active(&self, robot: usize) -> usize {
-        self.rosters[robot].active
+    /// Whether a controller, or a model, of a robot runs.
+    pub(crate) fn is_active(&self, robot: usize, one: To) -> bool {
+        let roster = &self.rosters[robot];
+        match one {
+            To::Controller(place) => roster.active == place,
+            To::Model(place) => roster.model == place,
+        }
     }
 
     /// Adds a change that is due now, or later.
@@ -329,11 +332,11 @@ impl<T: Scalar> World<T> {
         self.changes.insert(after.max(self.next_change), change);
     }
 
-    /// Lets another controller take over where `from` would have.
-    pub(crate) fn redirect(&mut self, robot: usize, from: usize, to: usize) {
+    /// Lets another take over where `from` would have.
+    pub(crate) fn redirect(&mut self, robot: usize, from: To, to: To) {
         for change in &mut self.changes[self.next_change..] {
-            if change.robot == robot && change.to == To::Controller(from) {
-                change.to = To::Controller(to);
+            if change.robot == robot && change.to == from {
+                change.to = to;
             }
         }
     }
@@ -346,23 +349,7 @@ impl<T: Scalar> World<T> {
         name: String,
         block: Box<dyn Block<T>>,
     ) -> Result<usize, String> {
-        let column = |path: &str| {
-            self.column(path).ok_or_else(|| {
-                format!("{path}: must be among the signals from the beginning of the run")
-            })
-        };
-        let inputs = block.inputs().iter().map(|port| column(&port.path));
-        let inputs: Vec<usize> = inputs.collect::<Result<_, _>>()?;
-        let outputs = block.outputs().iter().map(|port| column(&port.path));
-        let columns: Vec<usize> = outputs.collect::<Result<_, _>>()?;
-        for (port, &k) in block.outputs().iter().zip(&columns) {
-            if port.unit != self.signals[k].unit {
-                return Err(format!(
-                    "{}: must be in {}, got {}",
-                    port.path, self.signals[k].unit, port.unit
-                ));
-            }
-        }
+        let (inputs, columns) = self.columns_of(block.as_ref())?;
         let is_of = |slot: &Slot<T>| slot.robot == robot;
         let begin = self.controllers.iter().position(is_of);
         let begin = begin.ok_or("the robot has no controller")?;
@@ -406,10 +393,62 @@ impl<T: Scalar> World<T> {
         Ok(new)
     }
 
-    /// Writes down that a controller could not take over.
-    pub(crate) fn refuse(&mut self, robot: usize, to: &str, problem: &str) {
+    /// Adds a model to a robot, which nothing but controllers commands; its place, or why not.
+    pub(crate) fn join_model(
+        &mut self,
+        robot: usize,
+        name: String,
+        block: Box<dyn Block<T>>,
+    ) -> Result<usize, String> {
+        let (inputs, columns) = self.columns_of(block.as_ref())?;
+        let new = self.rosters[robot].models.len();
+        self.plants.push(Slot {
+            buffer: vec![T::zero(); inputs.len()],
+            inputs,
+            outputs: 0..0,
+            block,
+            due: self.plants[robot].due,
+            robot,
+            with: u64::MAX,
+            models: 1 << new,
+            shared: Some(Shared {
+                values: vec![T::zero(); columns.len()],
+                columns,
+            }),
+        });
+        self.rosters[robot].models.push(name);
+        Ok(new)
+    }
+
+    /// Columns of a block's inputs and outputs, in units that agree, or what there is no column for.
+    fn columns_of(&self, block: &dyn Block<T>) -> Result<(Vec<usize>, Vec<usize>), String> {
+        let column = |port: &Port| {
+            let path = &port.path;
+            let found = self.column(path).ok_or_else(|| {
+                format!("{path}: must be among the signals from the beginning of the run")
+            })?;
+            let unit = &self.signals[found].unit;
+            match port.unit == *unit {
+                true => Ok(found),
+                false => Err(format!("{path}: must be in {unit}, got {}", port.unit)),
+            }
+        };
+        let inputs = block
+            .inputs()
+            .iter()
+            .map(column)
+            .collect::<Result<_, _>>()?;
+        let outputs = block.outputs().iter().map(column);
+        Ok((inputs, outputs.collect::<Result<_, _>>()?))
+    }
+
+    /// Writes down that a controller or model could not take over.
+    pub(crate) fn refuse(&mut self, robot: usize, of: &str, to: &str, problem: &str) {
         let roster = &self.rosters[robot];
-        let from = roster.names[roster.active].clone();
+        let from = match roster.models.iter().any(|name| name == of) {
+            true => roster.models[roster.model].clone(),
+            false => roster.names[roster.active].clone(),
+        };
         let text = format!("{to} could not take over, {from} goes on: {problem}");
         let t = T::from_lanes(|lane| self.time(lane));
         self.swapped.push(Swapped {
