@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use appell_sim::record::{Memory, Recording};
+use appell_sim::record::{Memory, Recorder, Recording};
 use appell_sim::run::{Outcome, Run, Summary};
 use appell_sim::scenario::load_text;
 
@@ -118,6 +118,7 @@ fn invariant_a_saved_world_has_its_model() {
     let text = scenario(MODELS, &[(1.0, "kinematic"), (2.5, "torque")]);
     let mut first = build(&text).expect("a run");
     let mut silent = Memory::new();
+    silent.begin(&first.header).expect("it listens");
     while first.world.tick() < 2000 {
         first.world.advance(1, &mut silent).expect("a step");
     }
@@ -181,9 +182,9 @@ fn refusal_of_models() {
     };
     let twice = MODELS.replace("torque\"\ndrive", "kinematic\"\ndrive");
     let cases = [
-        (twice, "names must"),
-        ("[[robot.model]]\nname = \"model\"".into(), "names must"),
-        ("[[robot.model]]\nname = \"controller\"".into(), "names must"),
+        (twice, "must differ from the others, got \"kinematic\" twice"),
+        ("[[robot.model]]\nname = \"model\"".into(), "must be another, got \"model\""),
+        ("[[robot.model]]\nname = \"controller\"".into(), "must be another, got \"controller\""),
         (
             "[[robot.model]]\nname = \"legs\"\nlevel = \"rolling\"\nplugin = { file = \"pursuit.py\" }".into(),
             "must not stand beside level and drive",

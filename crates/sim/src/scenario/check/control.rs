@@ -124,8 +124,7 @@ fn check_models(c: &mut Checker, robot: &Robot, base: &str, scenario: &Scenario,
     if robot.model.is_empty() {
         return;
     }
-    let controllers = robot.controllers().map(|(name, _)| name);
-    let names = robot.models().chain(controllers);
+    let names = robot.model.iter().map(|model| model.name.as_str());
     c.unique(&format!("{base}.model"), "name", names);
     if robot.model.len() > STANDBY_MAX {
         let problem = format!("must be at most {STANDBY_MAX}, got {}", robot.model.len());
@@ -152,6 +151,14 @@ fn check_models(c: &mut Checker, robot: &Robot, base: &str, scenario: &Scenario,
     for model in &robot.model {
         let base = format!("{base}.model.{}", model.name);
         c.name(format!("{base}.name"), &model.name);
+        let mut controllers = robot.controllers().map(|(name, _)| name);
+        if model.name == FIRST_MODEL || controllers.any(|name| name == model.name) {
+            c.refuse(
+                format!("{base}.name"),
+                format!("must be another, got {:?}", model.name),
+                "\"model\" is the name of the first model, and a change may name a controller, too",
+            );
+        }
         let Some(plugin) = &model.plugin else {
             continue;
         };
