@@ -160,7 +160,18 @@ impl Plugin {
             dt,
             input,
         };
-        self.step_many(&[call], output).map_err(|(_, fault)| fault)
+        let Host::Local(local) = &mut self.host else {
+            return self.step_many(&[call], output).map_err(|(_, fault)| fault);
+        };
+        // What it leaves out is not taken from the step before.
+        self.results.clear();
+        self.results.resize(output.len(), f64::NAN);
+        local
+            .step(&call, &mut self.results)
+            .map_err(|problem| Fault::new("step", problem))?;
+        self.admit().map_err(|(_, fault)| fault)?;
+        output.copy_from_slice(&self.results);
+        Ok(())
     }
 
     /// Makes a step of several members at once; `output` holds theirs one after the other. The same
@@ -188,14 +199,22 @@ impl Plugin {
                     .map_err(|(k, problem)| (k, Fault::new("step", problem)))?;
             }
         }
-        for (k, values) in self.results.chunks_exact(width).enumerate() {
-            for (port, &value) in self.descriptor.outputs.iter().zip(values) {
+        self.admit()?;
+        output.copy_from_slice(&self.results);
+        Ok(())
+    }
+
+    /// Lets results through, or says which member's does not pass, and why.
+    #[inline]
+    fn admit(&self) -> Result<(), (usize, Fault)> {
+        let ports = &self.descriptor.outputs;
+        for (k, values) in self.results.chunks_exact(ports.len()).enumerate() {
+            for (port, &value) in ports.iter().zip(values) {
                 if !port.admits(value) {
                     port.admit(value).map_err(|fault| (k, fault))?;
                 }
             }
         }
-        output.copy_from_slice(&self.results);
         Ok(())
     }
 

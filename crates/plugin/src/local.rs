@@ -67,6 +67,57 @@ pub trait Local: Debug + Send {
     }
 }
 
+/// Members by their numbers, which only grow.
+#[derive(Debug)]
+pub(crate) struct Members<M> {
+    list: Vec<(u32, M)>,
+    /// Where one was found last: those that step together stand side by side.
+    last: usize,
+}
+
+impl<M: Copy> Members<M> {
+    pub(crate) fn new() -> Self {
+        Members {
+            list: Vec::new(),
+            last: 0,
+        }
+    }
+
+    pub(crate) fn add(&mut self, member: u32, made: M) {
+        self.list.push((member, made));
+    }
+
+    pub(crate) fn remove(&mut self, member: u32) -> Option<M> {
+        let at = self.list.binary_search_by_key(&member, |one| one.0).ok()?;
+        Some(self.list.remove(at).1)
+    }
+
+    pub(crate) fn numbers(&self) -> Vec<u32> {
+        self.list.iter().map(|(member, _)| *member).collect()
+    }
+
+    /// What was made for a number.
+    #[inline]
+    pub(crate) fn find(&mut self, member: u32) -> Result<M, String> {
+        for at in [self.last, self.last + 1] {
+            if let Some((known, made)) = self.list.get(at)
+                && *known == member
+            {
+                self.last = at;
+                return Ok(*made);
+            }
+        }
+        self.search(member)
+    }
+
+    #[cold]
+    fn search(&mut self, member: u32) -> Result<M, String> {
+        let found = self.list.binary_search_by_key(&member, |one| one.0);
+        self.last = found.map_err(|_| format!("has no member {member}"))?;
+        Ok(self.list[self.last].1)
+    }
+}
+
 /// Loads what is served from a process of its own.
 pub(crate) fn load(file: &Path) -> Result<Box<dyn Local>, Fault> {
     if Kind::of(file) != Kind::Fmu {

@@ -14,7 +14,7 @@ use libloading::Library;
 use serde_json::Value;
 
 use crate::contract::Fault;
-use crate::local::{ABI, Local};
+use crate::local::{ABI, Local, Members};
 use crate::wire::{BODY_MAX, Call};
 
 type Abi = unsafe extern "C" fn() -> u32;
@@ -38,8 +38,7 @@ pub struct Native {
     save: Option<Save>,
     restore: Option<Restore>,
     take_over: Option<TakeOver>,
-    /// Few, by their numbers: a search costs less than a map.
-    members: Vec<(u32, Member)>,
+    members: Members<Member>,
     /// Keeps the functions where they are; dropped last.
     _library: Library,
 }
@@ -111,17 +110,15 @@ impl Native {
                 save: library.get(b"appell_save\0").ok().map(|found| *found),
                 restore: library.get(b"appell_restore\0").ok().map(|found| *found),
                 take_over: library.get(b"appell_take_over\0").ok().map(|found| *found),
-                members: Vec::new(),
+                members: Members::new(),
                 _library: library,
             })
         }
     }
 
-    fn member(&self, member: u32) -> Result<*mut c_void, String> {
-        let known = self.members.iter().find(|(known, _)| *known == member);
-        known
-            .map(|(_, member)| member.0)
-            .ok_or_else(|| format!("has no member {member}"))
+    #[inline]
+    fn member(&mut self, member: u32) -> Result<*mut c_void, String> {
+        self.members.find(member).map(|member| member.0)
     }
 
     /// Why the last call failed, in its own words.
@@ -155,13 +152,12 @@ impl Local for Native {
             let reason = self.reason(made).unwrap_or_else(|| "made no member".into());
             return Err(Fault::new("create", reason));
         }
-        self.members.push((member, Member(made)));
+        self.members.add(member, Member(made));
         Ok(())
     }
 
     fn destroy(&mut self, member: u32) {
-        if let Some(at) = self.members.iter().position(|(known, _)| *known == member) {
-            let (_, Member(made)) = self.members.swap_remove(at);
+        if let Some(Member(made)) = self.members.remove(member) {
             // SAFETY: made by `create`, and no longer known.
             unsafe { (self.destroy)(made) };
         }
@@ -227,8 +223,7 @@ impl Local for Native {
 
 impl Drop for Native {
     fn drop(&mut self) {
-        let members: Vec<u32> = self.members.iter().map(|(member, _)| *member).collect();
-        for member in members {
+        for member in self.members.numbers() {
             self.destroy(member);
         }
     }

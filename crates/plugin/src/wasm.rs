@@ -14,7 +14,7 @@ use wasmtime::{
 
 use crate::Limits;
 use crate::contract::Fault;
-use crate::local::{ABI, Local};
+use crate::local::{ABI, Local, Members};
 use crate::wire::{BODY_MAX, Call};
 
 /// Largest module, bytes: what is larger takes too long to compile.
@@ -51,8 +51,7 @@ pub(crate) struct Wasm {
     fuel: u64,
     /// Its place for what goes to and fro: address and size.
     place: (usize, usize),
-    /// By their numbers; few.
-    members: Vec<(u32, i32)>,
+    members: Members<i32>,
     /// Whether it trapped: what its memory holds then is anybody's guess.
     is_dead: bool,
 }
@@ -238,7 +237,7 @@ impl Wasm {
             fuel_of_start: limits.fuel_of_start,
             fuel: limits.fuel,
             place: (0, 0),
-            members: Vec::new(),
+            members: Members::new(),
             is_dead: false,
         })
     }
@@ -334,13 +333,6 @@ impl Wasm {
         }
     }
 
-    fn member(&self, member: u32) -> Result<i32, String> {
-        let known = self.members.iter().find(|(known, _)| *known == member);
-        known
-            .map(|(_, address)| *address)
-            .ok_or_else(|| format!("has no member {member}"))
-    }
-
     /// Why the last call failed, in its own words.
     fn reason(&mut self, member: i32) -> Option<String> {
         let reason = self.reason.clone()?;
@@ -348,6 +340,56 @@ impl Wasm {
         let at = reason.call(&mut self.store, member).ok()?;
         let text = self.text(at).ok()?;
         text.filter(|text| !text.is_empty())
+    }
+
+    /// Steps members in one call.
+    fn step_all(
+        &mut self,
+        step_many: &StepMany,
+        calls: &[Call<'_>],
+        width: usize,
+        results: &mut [f64],
+    ) -> Result<(), (usize, String)> {
+        let count = calls.len();
+        let read = calls[0].input.len();
+        let first = |problem: String| (0, problem);
+        let times = self
+            .place(8 * count * (1 + read + width) + 4 * count)
+            .map_err(first)?;
+        let inputs = times + 8 * count;
+        let outputs = inputs + 8 * count * read;
+        let members = outputs + 8 * count * width;
+        for (k, call) in calls.iter().enumerate() {
+            let member = self
+                .members
+                .find(call.member)
+                .map_err(|problem| (k, problem))?;
+            let data = self.memory.data_mut(&mut self.store);
+            data[members + 4 * k..][..4].copy_from_slice(&member.to_le_bytes());
+            data[times + 8 * k..][..8].copy_from_slice(&call.t.to_le_bytes());
+            self.put(inputs + 8 * k * read, call.input);
+        }
+        self.put(outputs, results);
+        let fuel = self.fuel.saturating_mul(count as u64);
+        let arguments = (
+            count as i32,
+            members as i32,
+            times as i32,
+            calls[0].dt,
+            inputs as i32,
+            outputs as i32,
+        );
+        match self.call(fuel, step_many, arguments).map_err(first)? {
+            0 => {
+                self.get(outputs, results);
+                Ok(())
+            }
+            place => {
+                let k = (place as usize).saturating_sub(1).min(count - 1);
+                let member = self.members.find(calls[k].member).unwrap_or_default();
+                self.told(member, place).map_err(|problem| (k, problem))
+            }
+        }
     }
 
     fn told(&mut self, member: i32, code: i32) -> Result<(), String> {
@@ -439,13 +481,12 @@ impl Local for Wasm {
             let reason = self.reason(0).unwrap_or_else(|| "made no member".into());
             return Err(refuse(reason));
         }
-        self.members.push((member, made));
+        self.members.add(member, made);
         Ok(())
     }
 
     fn destroy(&mut self, member: u32) {
-        if let Some(at) = self.members.iter().position(|(known, _)| *known == member) {
-            let (_, made) = self.members.swap_remove(at);
+        if let Some(made) = self.members.remove(member) {
             let destroy = self.destroy.clone();
             // One that cannot even end is not used again.
             let _ = self.call(self.fuel, &destroy, made);
@@ -453,7 +494,7 @@ impl Local for Wasm {
     }
 
     fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String> {
-        let member = self.member(call.member)?;
+        let member = self.members.find(call.member)?;
         let inputs = self.place(8 * (call.input.len() + results.len()))?;
         let outputs = inputs + 8 * call.input.len();
         self.put(inputs, call.input);
@@ -484,58 +525,22 @@ impl Local for Wasm {
         results: &mut [f64],
     ) -> Result<(), (usize, String)> {
         let same = calls.iter().all(|call| call.dt == calls[0].dt);
-        let Some(step_many) = self
-            .step_many
-            .clone()
-            .filter(|_| calls.len() > 1 && same && calls.len() < 1 << 20)
-        else {
+        let is_many = calls.len() > 1 && same && calls.len() < 1 << 20;
+        // Taken rather than cloned, which counts references.
+        let Some(step_many) = self.step_many.take_if(|_| is_many) else {
             let each = calls.iter().zip(results.chunks_exact_mut(width));
             for (k, (call, results)) in each.enumerate() {
                 self.step(call, results).map_err(|problem| (k, problem))?;
             }
             return Ok(());
         };
-        let count = calls.len();
-        let read = calls[0].input.len();
-        let first = |problem: String| (0, problem);
-        let times = self
-            .place(8 * count * (1 + read + width) + 4 * count)
-            .map_err(first)?;
-        let inputs = times + 8 * count;
-        let outputs = inputs + 8 * count * read;
-        let members = outputs + 8 * count * width;
-        for (k, call) in calls.iter().enumerate() {
-            let member = self.member(call.member).map_err(|problem| (k, problem))?;
-            let data = self.memory.data_mut(&mut self.store);
-            data[members + 4 * k..][..4].copy_from_slice(&member.to_le_bytes());
-            data[times + 8 * k..][..8].copy_from_slice(&call.t.to_le_bytes());
-            self.put(inputs + 8 * k * read, call.input);
-        }
-        self.put(outputs, results);
-        let fuel = self.fuel.saturating_mul(count as u64);
-        let arguments = (
-            count as i32,
-            members as i32,
-            times as i32,
-            calls[0].dt,
-            inputs as i32,
-            outputs as i32,
-        );
-        match self.call(fuel, &step_many, arguments).map_err(first)? {
-            0 => {
-                self.get(outputs, results);
-                Ok(())
-            }
-            place => {
-                let k = (place as usize).saturating_sub(1).min(count - 1);
-                let member = self.member(calls[k].member).unwrap_or_default();
-                self.told(member, place).map_err(|problem| (k, problem))
-            }
-        }
+        let stepped = self.step_all(&step_many, calls, width, results);
+        self.step_many = Some(step_many);
+        stepped
     }
 
     fn save(&mut self, member: u32) -> Result<Vec<u8>, String> {
-        let made = self.member(member)?;
+        let made = self.members.find(member)?;
         let Some(save) = self.save.clone() else {
             return Ok(Vec::new());
         };
@@ -552,7 +557,7 @@ impl Local for Wasm {
     }
 
     fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), String> {
-        let made = self.member(member)?;
+        let made = self.members.find(member)?;
         let Some(restore) = self.restore.clone() else {
             return match bytes.is_empty() {
                 true => Ok(()),
@@ -566,7 +571,7 @@ impl Local for Wasm {
     }
 
     fn take_over(&mut self, member: u32, outputs: &[f64]) -> Result<(), String> {
-        let made = self.member(member)?;
+        let made = self.members.find(member)?;
         let Some(take_over) = self.take_over.clone() else {
             return Ok(());
         };
