@@ -181,6 +181,14 @@ fn mathematics(linker: &mut Linker<Room>) -> wasmtime::Result<()> {
     Ok(())
 }
 
+/// Writes numbers into the first bytes.
+#[inline]
+fn write(numbers: &[f64], bytes: &mut [u8]) {
+    for (room, number) in bytes.as_chunks_mut().0.iter_mut().zip(numbers) {
+        *room = number.to_le_bytes();
+    }
+}
+
 /// One pattern of bits for all that is not a number.
 fn same(x: f64) -> f64 {
     if x.is_nan() { f64::NAN } else { x }
@@ -300,12 +308,8 @@ impl Wasm {
     }
 
     /// Writes numbers at an address within its place.
-    #[inline]
     fn put(&mut self, at: usize, numbers: &[f64]) {
-        let bytes = &mut self.memory.data_mut(&mut self.store)[at..at + 8 * numbers.len()];
-        for (room, number) in bytes.as_chunks_mut().0.iter_mut().zip(numbers) {
-            *room = number.to_le_bytes();
-        }
+        write(numbers, &mut self.memory.data_mut(&mut self.store)[at..]);
     }
 
     /// Reads numbers at an address within its place.
@@ -359,17 +363,19 @@ impl Wasm {
         let inputs = times + 8 * count;
         let outputs = inputs + 8 * count * read;
         let members = outputs + 8 * count * width;
-        for (k, call) in calls.iter().enumerate() {
-            let member = self
-                .members
-                .find(call.member)
-                .map_err(|problem| (k, problem))?;
-            let data = self.memory.data_mut(&mut self.store);
-            data[members + 4 * k..][..4].copy_from_slice(&member.to_le_bytes());
-            data[times + 8 * k..][..8].copy_from_slice(&call.t.to_le_bytes());
-            self.put(inputs + 8 * k * read, call.input);
+        let room = &mut self.memory.data_mut(&mut self.store)[times..members + 4 * count];
+        let (t, rest) = room.split_at_mut(8 * count);
+        let (read_by, rest) = rest.split_at_mut(8 * count * read);
+        let (written, addresses) = rest.split_at_mut(8 * count * width);
+        write(results, written);
+        let t = t.as_chunks_mut().0.iter_mut();
+        let addresses = addresses.as_chunks_mut().0.iter_mut();
+        for (k, ((call, t), address)) in calls.iter().zip(t).zip(addresses).enumerate() {
+            let member = self.members.find(call.member);
+            *address = member.map_err(|problem| (k, problem))?.to_le_bytes();
+            *t = call.t.to_le_bytes();
+            write(call.input, &mut read_by[8 * k * read..]);
         }
-        self.put(outputs, results);
         let fuel = self.fuel.saturating_mul(count as u64);
         let arguments = (
             count as i32,
@@ -497,9 +503,11 @@ impl Local for Wasm {
         let member = self.members.find(call.member)?;
         let inputs = self.place(8 * (call.input.len() + results.len()))?;
         let outputs = inputs + 8 * call.input.len();
-        self.put(inputs, call.input);
-        self.put(outputs, results);
-        // A clone would count references in every step.
+        let room = &mut self.memory.data_mut(&mut self.store)[inputs..];
+        let (read, written) = room.split_at_mut(outputs - inputs);
+        write(call.input, read);
+        write(results, written);
+        // A clone of the function would count references in every step.
         if self.is_dead {
             return Err("it trapped before".into());
         }

@@ -13,7 +13,7 @@ use std::time::Instant;
 use appell_plugin::wire::Call;
 use appell_plugin::{Limits, Plugin};
 use appell_sim::block::{Block, Kernel, Now, Port, Wired};
-use appell_sim::record::Memory;
+use appell_sim::record::{Memory, Recorder};
 use appell_sim::run::Run;
 use appell_sim::scenario::load;
 
@@ -154,6 +154,7 @@ fn changes() -> Option<[f64; 2]> {
         .map_err(|error| eprintln!("left out: {error}"))
         .ok()?;
     let mut memory = Memory::new();
+    memory.begin(&run.header).ok()?;
     let (mut steps, mut changes) = (Vec::new(), Vec::new());
     loop {
         let before = run.world.swapped().len();
