@@ -72,14 +72,14 @@ APPELL_EXPORT int32_t appell_step_many(int32_t count, void *const *members, cons
                                        const double *inputs, double *outputs);
 
 #if defined(__wasm__)
-/* A place for what Appell writes and reads, which is its own until it asks again. */
-#if !defined(APPELL_ROOM)
-#define APPELL_ROOM 65536
-#endif
+/* A place for what Appell writes and reads, which is its own until it asks again. It asks for more than there was
+ * only: then memory grows. */
 __attribute__((weak)) APPELL_EXPORT void *appell_room(size_t size)
 {
-    static _Alignas(16) unsigned char room[APPELL_ROOM];
-    return size <= sizeof room ? room : NULL;
+    static __attribute__((aligned(16))) unsigned char room[8192];
+    if (size <= sizeof room) return room;
+    const size_t page = __builtin_wasm_memory_grow(0, size / 65536 + 1);
+    return page == (size_t)-1 ? NULL : (void *)(page * 65536);
 }
 
 /* Appell gives modules these, with the same bits on every machine. */

@@ -117,8 +117,8 @@ pub struct RunOptions {
     /// them.
     #[arg(long)]
     pub trust_native: bool,
-    /// Run in step with the clock, and replace a plug-in when its file changes; a line `ROBOT CONTROLLER`
-    /// on the standard input lets that controller take over.
+    /// Run in step with the clock, and replace a plug-in when its file changes; a line `ROBOT NAME` on the
+    /// standard input lets the controller or model of that name take over.
     #[arg(long)]
     pub watch: bool,
     /// Seconds of simulated time per second [default: as fast as can be; with --watch 1].

@@ -2,7 +2,10 @@
 
 use std::io::BufRead;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 use appell_sim::live::{Source, Successor, Workshop, version, version_file};
@@ -24,24 +27,36 @@ struct News {
 
 /// What comes while a run goes on.
 pub struct Live {
-    /// Seconds of simulated time per second; none for as fast as can be.
-    pace: Option<f64>,
+    /// Seconds of simulated time per second.
+    pace: f64,
     start: Instant,
     news: Option<Receiver<News>>,
     words: Option<Receiver<String>>,
     /// Changes that were told.
     told: usize,
     robots: Vec<String>,
+    watch: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        // What it has opened ends in order.
+        if let Some((stop, watch)) = self.watch.take() {
+            stop.store(true, Ordering::Relaxed);
+            let _ = watch.join();
+        }
+    }
 }
 
 impl Live {
     /// Keeps a pace and, with a workshop, watches its files, versions of which are kept in `folder`, and
     /// listens to the standard input.
-    pub fn new(pace: Option<f64>, workshop: Option<Workshop>, home: &Path, folder: &Path) -> Self {
+    pub fn new(pace: f64, workshop: Option<Workshop>, home: &Path, folder: &Path) -> Self {
         let watched = workshop.map(|workshop| {
             let (send, news) = channel();
-            let watch = Watch::new(workshop, home, folder, send);
-            std::thread::spawn(move || watch.go_on());
+            let stop = Arc::new(AtomicBool::new(false));
+            let files = Watch::new(workshop, home, folder, send, stop.clone());
+            let watch = (stop, std::thread::spawn(move || files.go_on()));
             let (send, words) = channel();
             std::thread::spawn(move || {
                 let lines = std::io::stdin().lock().lines();
@@ -52,9 +67,10 @@ impl Live {
                     }
                 }
             });
-            (news, words)
+            ((news, words), watch)
         });
-        let (news, words) = watched.unzip();
+        let (listened, watch) = watched.unzip();
+        let (news, words) = listened.unzip();
         Live {
             pace,
             start: Instant::now(),
@@ -62,12 +78,13 @@ impl Live {
             words,
             told: 0,
             robots: Vec::new(),
+            watch,
         }
     }
 
     /// Ticks between two looks.
     pub fn ticks(&self, run: &Run) -> u64 {
-        let ahead = self.pace.unwrap_or(1.0) * BREATH / run.scenario().time.step;
+        let ahead = self.pace * BREATH / run.scenario().time.step;
         (ahead as u64).clamp(1, 1024)
     }
 
@@ -81,8 +98,10 @@ impl Live {
                 .map(|r| r.name.clone())
                 .collect();
             // Building the world is not part of the run.
-            self.start = Instant::now()
-                - Duration::from_secs_f64(run.world.now() / self.pace.unwrap_or(f64::INFINITY));
+            let gone = run.world.now() / self.pace;
+            let now = Instant::now();
+            let begun = now.checked_sub(Duration::from_secs_f64(gone));
+            self.start = begun.unwrap_or(now);
         }
         if let Some(news) = &self.news {
             for News {
@@ -107,7 +126,9 @@ impl Live {
                     ([to], [only]) => run.swap(only, to),
                     ([robot, to], _) => run.swap(robot, to),
                     _ => {
-                        terminal::warning("say ROBOT CONTROLLER, to let that controller take over");
+                        terminal::warning(
+                            "say ROBOT NAME, to let that controller or model take over",
+                        );
                         Ok(())
                     }
                 };
@@ -117,10 +138,8 @@ impl Live {
             }
         }
         self.tell(run);
-        if let Some(pace) = self.pace {
-            let due = self.start + Duration::from_secs_f64(run.world.now() / pace);
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        }
+        let due = self.start + Duration::from_secs_f64(run.world.now() / self.pace);
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
     }
 
     /// Says what was changed, where somebody watches.
@@ -159,6 +178,7 @@ struct Watch {
     folder: PathBuf,
     send: Sender<News>,
     files: Vec<Watched>,
+    stop: Arc<AtomicBool>,
 }
 
 fn seen(file: &Path) -> Option<(SystemTime, u64)> {
@@ -167,7 +187,13 @@ fn seen(file: &Path) -> Option<(SystemTime, u64)> {
 }
 
 impl Watch {
-    fn new(workshop: Workshop, home: &Path, folder: &Path, send: Sender<News>) -> Self {
+    fn new(
+        workshop: Workshop,
+        home: &Path,
+        folder: &Path,
+        send: Sender<News>,
+        stop: Arc<AtomicBool>,
+    ) -> Self {
         let watched = |source: Source| {
             let from = home.join(&source.file);
             Watched {
@@ -186,11 +212,12 @@ impl Watch {
             workshop,
             folder: folder.to_owned(),
             send,
+            stop,
         }
     }
 
     fn go_on(mut self) {
-        loop {
+        while !self.stop.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
             for file in &mut self.files {
                 let now = seen(&file.from);
@@ -220,26 +247,42 @@ fn renewed(workshop: &Workshop, file: &mut Watched, folder: &Path) -> Option<New
         return None;
     }
     file.hash = hash;
-    file.versions += 1;
-    let name = version(&file.source.name, file.versions);
-    // Beside the first version's copy; what lies elsewhere has its versions in the folder itself.
-    let own = Path::new(&file.source.file);
+    // Beside the first version's copy; what lies elsewhere has its versions in the folder itself, under the
+    // robot's name, as has what several share.
+    let source = &file.source;
+    let own = Path::new(&source.file);
     let is_below = own
         .components()
         .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    let own = match (is_below, own.file_name()) {
-        (false, Some(name)) => Path::new(name),
-        _ => own,
+    let all = workshop.sources();
+    let is_shared = all.iter().filter(|one| one.file == source.file).count() > 1;
+    let mut own = match own.file_name() {
+        Some(name) if !is_below => PathBuf::from(name),
+        _ => own.to_owned(),
     };
-    let own = version_file(own, file.versions);
-    let to = folder.join(&own);
-    // What is run is what is kept: the copy, whatever becomes of the file.
+    if is_shared || !is_below {
+        let name = own.file_name().unwrap_or_default().to_string_lossy();
+        let name = format!("{}-{}-{name}", source.robot, source.name);
+        own = own.with_file_name(name);
+    }
+    let (name, kept) = loop {
+        file.versions += 1;
+        let name = version(&source.name, file.versions);
+        let kept = version_file(&own, file.versions);
+        if !workshop.is_taken(&source.robot, &name, &kept.to_string_lossy()) {
+            break (name, kept);
+        }
+    };
+    let to = folder.join(&kept);
+    // What is run is what is kept: the copy, whatever becomes of the file. One of an earlier run may be one
+    // that cannot be written, or that something holds.
+    let _ = std::fs::remove_file(&to);
     let copied = std::fs::create_dir_all(to.parent().unwrap_or(folder))
         .and_then(|()| std::fs::write(&to, &bytes))
         .and_then(|()| std::fs::set_permissions(&to, std::fs::metadata(&file.from)?.permissions()));
     let result = match copied {
         Ok(()) => workshop
-            .open(&file.source, &name, &own.to_string_lossy(), folder)
+            .open(&file.source, &name, &kept.to_string_lossy(), folder)
             .map(Box::new)
             .map_err(|fault| fault.to_string()),
         Err(error) => Err(format!("{}: cannot be written: {error}", to.display())),

@@ -33,6 +33,13 @@ pub fn run(options: &RunOptions) -> u8 {
             return exit::BAD_INPUT;
         }
     };
+    if options.watch && options.scenarios.len() > 1 {
+        terminal::error(&format!(
+            "--watch: must have one scenario, got {}\n  hint: run them one by one",
+            options.scenarios.len()
+        ));
+        return exit::BAD_INPUT;
+    }
     let mut worst = exit::PASSED;
     let mut written: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for file in &options.scenarios {
@@ -74,6 +81,7 @@ type Execute<'a> =
     dyn FnMut(&mut dyn Recorder, &mut dyn FnMut(f64)) -> Result<Summary, SimError> + 'a;
 
 fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
+    // To watch is to keep step with the clock.
     let pace = options.pace.or(options.watch.then_some(1.0));
     let ran = if is_crowd(&loaded.scenario) {
         if pace.is_some() {
@@ -95,8 +103,7 @@ fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
     } else {
         Run::with_workshop(loaded, 0).map(|(mut run, workshop)| {
             let workshop = options.watch.then_some(workshop);
-            let mut live =
-                (pace.is_some()).then(|| Live::new(pace, workshop, &loaded.folder, folder));
+            let mut live = pace.map(|pace| Live::new(pace, workshop, &loaded.folder, folder));
             let ran = execute(
                 &mut |recorder, progress| match &mut live {
                     None => run.execute(recorder, progress),

@@ -1,12 +1,12 @@
-//! Plug-ins: controllers written in other languages, in other processes.
+//! Plug-ins: controllers and models in other languages, in processes of their own or sealed off in this one.
 //!
 //! A plug-in says what it reads, what it writes and what can be set ([`Descriptor`]). Of one plug-in there
 //! can be several *members*, each with parameters and a memory of its own: one for each robot, or trial,
 //! that it drives. [`Plugin`] is the border: whatever the foreign side does, what comes through it is of
 //! the right length, finite and within the limits that were stated, or it is a [`Fault`].
 //!
-//! This crate knows nothing of robots. A plug-in runs in a child process and talks over its standard
-//! input and output; the messages are those of [`wire`], which the book documents for other languages. A
+//! This crate knows nothing of robots. A module of WebAssembly runs in this process, which it cannot reach
+//! out of. Any other plug-in runs in a child process and talks over its standard input and output; the messages are those of [`wire`], which the book documents for other languages. A
 //! library with a C interface is served by a child as well, or loaded into this process where it is trusted. An
 //! FMU is always served by a child.
 

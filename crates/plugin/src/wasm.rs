@@ -341,7 +341,10 @@ impl Wasm {
     fn reason(&mut self, member: i32) -> Option<String> {
         let reason = self.reason.clone()?;
         self.store.set_fuel(self.fuel).ok()?;
-        let at = reason.call(&mut self.store, member).ok()?;
+        let Ok(at) = reason.call(&mut self.store, member) else {
+            self.is_dead = true;
+            return None;
+        };
         let text = self.text(at).ok()?;
         text.filter(|text| !text.is_empty())
     }

@@ -231,6 +231,17 @@ fn invariant_together_as_alone() {
     );
 }
 
+/// A context of any length has room, and the numbers of steps still do.
+#[test]
+fn invariant_long_contexts_have_room() {
+    let mut plugin = open("long", &[], &Limits::default()).expect("a module");
+    let (expected, _) = drive(&mut plugin, 3);
+    let long = json!({ "path": "x".repeat(300_000) });
+    let member = plugin.create(&BTreeMap::new(), &long).expect("a member");
+    plugin.destroy(member);
+    assert_eq!(drive(&mut plugin, 3).0, expected);
+}
+
 /// What a module does wrong, and what is told: the same each time, and at the same step.
 #[test]
 fn refusal_of_hostile_modules() {

@@ -352,7 +352,7 @@ pub struct Swap {
     pub to: String,
 }
 
-/// A controller of your own, in a file and a process of its own.
+/// A controller or model of your own, in a file: a plug-in.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plugin {

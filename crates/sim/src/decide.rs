@@ -122,7 +122,7 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                 });
             }
         }
-        if crew.len() > 1 {
+        if twisted.count_ones() as usize != crew.len() {
             last = last.min(of_all);
         }
         if !robot.wheel_noise.is_empty() {

@@ -1,4 +1,4 @@
-//! Plug-ins as blocks: controllers in files of their own.
+//! Plug-ins as blocks: controllers and models in files of their own.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -87,8 +87,6 @@ pub(crate) struct Foreign<T> {
     parameters: std::collections::BTreeMap<String, f64>,
     context: Value,
     role: Role,
-    /// Step of the physics, s.
-    step: f64,
     recovery: Recovery,
     hash: String,
     pool: Arc<Pool>,
@@ -100,12 +98,19 @@ pub(crate) struct Foreign<T> {
     numbers: PhantomData<T>,
 }
 
+/// Whether any of a robot's signals commands its twist.
+pub(crate) fn commands_twist(ports: &[Port]) -> bool {
+    // robot.NAME.command.forward
+    let field = |port: &Port| port.path.split('.').nth(2) == Some("command");
+    ports.iter().any(field)
+}
+
 /// How far a plug-in has come.
 enum Life {
     /// It is started when it is needed first.
     Waiting,
     Running(Box<Plugin>, u32),
-    /// It failed, and its commands are zero.
+    /// It failed: its commands, or rates, are zero.
     Failed,
 }
 
@@ -113,7 +118,7 @@ enum Life {
 pub(crate) struct Request<'a> {
     pub scenario: &'a Scenario,
     pub robot: &'a Robot,
-    /// Name among the robot's controllers.
+    /// Name among the robot's controllers, or its models.
     pub name: &'a str,
     pub plugin: &'a File,
     pub folder: &'a Path,
@@ -207,6 +212,15 @@ impl<T: Scalar> Foreign<T> {
             let name = request.named(&port.name);
             outputs.push(request.output(&prefix, &port.name, &name, &port.unit)?);
         }
+        let twice =
+            |(k, port): (usize, &Port)| outputs[..k].iter().any(|one| one.path == port.path);
+        if let Some(k) = outputs.iter().enumerate().position(twice) {
+            return Err(Fault {
+                field: format!("outputs.{}", descriptor.outputs[k].name),
+                problem: format!("must be a signal of its own, got {} again", outputs[k].path),
+                hint: "give it another signal in ports".into(),
+            });
+        }
         let writes = |begins: &str| {
             let below = |port: &Port| port.path.strip_prefix(&prefix).map(str::to_owned);
             let mut written = outputs.iter().filter_map(below);
@@ -252,7 +266,6 @@ impl<T: Scalar> Foreign<T> {
             ],
             constants,
             role: request.role,
-            step: request.scenario.time.step,
             inputs,
             outputs,
             file,
@@ -269,8 +282,7 @@ impl<T: Scalar> Foreign<T> {
 
     /// Whether it commands the twist, and not the wheels.
     pub(crate) fn is_twisted(&self) -> bool {
-        let is_command = |port: &Port| port.path.contains(".command.");
-        self.outputs.iter().any(is_command)
+        commands_twist(&self.outputs)
     }
 
     /// Starts it where it waits, and lets it do something.
@@ -306,11 +318,11 @@ impl<T: Scalar> Foreign<T> {
         }
     }
 
-    /// A model that failed stays where it is.
+    /// A model that failed stays where it is: nothing has a rate.
     fn stand(&self, outputs: &mut [f64]) {
-        let place = |port: &Port| port.path.contains(".pose.");
+        let moves = |port: &Port| ["m/s", "rad/s"].contains(&port.unit.as_str());
         for (port, value) in self.outputs.iter().zip(outputs) {
-            if !place(port) {
+            if moves(port) {
                 *value = 0.0;
             }
         }
@@ -476,7 +488,7 @@ impl Request<'_> {
                 Ok(Port::new(path, unit))
             }
             // An FMU has what outputs it has.
-            None if self.plugin.file.ends_with(".fmu") => {
+            None if self.plugin.file.ends_with(".fmu") && !self.plugin.ports.contains_key(port) => {
                 Ok(Port::new(format!("{prefix}{own}{name}"), unit))
             }
             None => Err(Fault {
@@ -519,16 +531,9 @@ impl<T: Scalar> Block<T> for Foreign<T> {
         for &(k, value) in &self.constants {
             inputs.insert(k, value);
         }
-        let t = now.t.lane(0);
-        // A model is moved in steps of the physics, however far the way is.
-        let (count, dt) = match self.role {
-            Role::Controller => (1, now.dt),
-            Role::Model => ((now.dt / self.step).round() as u64, self.step),
-        };
-        let stepped = self.with(|plugin, member| {
-            (0..count)
-                .try_for_each(|k| plugin.step(member, t + k as f64 * dt, dt, &inputs, &mut outputs))
-        });
+        // The world moves a model tick by tick.
+        let (t, dt) = (now.t.lane(0), now.dt);
+        let stepped = self.with(|plugin, member| plugin.step(member, t, dt, &inputs, &mut outputs));
         let result = match stepped {
             Ok(()) => {
                 for (number, &value) in output.iter_mut().zip(&outputs) {

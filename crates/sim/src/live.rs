@@ -2,7 +2,7 @@
 //!
 //! A new version of a plug-in is opened apart from the run ([`Workshop::open`]), on another thread if need
 //! be, and joins it between two steps ([`Run::install`]). What was changed is written down as a scenario that
-//! does the same at the same times ([`Run::repetition`]): a run of that one has the same signals and events.
+//! does the same at the same times ([`Run::repetition`]): a run of that one has the same signals, bit for bit.
 
 use std::path::{Path as FilePath, PathBuf};
 use std::sync::Arc;
@@ -81,6 +81,21 @@ impl Workshop {
             robot.plugins().map(source).collect::<Vec<_>>()
         };
         self.scenario.robot.iter().flat_map(of_robot).collect()
+    }
+
+    /// Whether a robot of the scenario has a controller or model of this name, or any plug-in this file.
+    pub fn is_taken(&self, robot: &str, name: &str, file: &str) -> bool {
+        let mut own = self
+            .scenario
+            .robot
+            .iter()
+            .filter(|known| known.name == robot);
+        let named = own.any(|robot| {
+            let mut controllers = robot.controllers().map(|(known, _)| known);
+            controllers.any(|known| known == name) || robot.models().any(|known| known == name)
+        });
+        let mut plugins = self.scenario.robot.iter().flat_map(Robot::plugins);
+        named || plugins.any(|(_, plugin)| plugin.file == file)
     }
 
     /// Opens another version of a plug-in: `file`, relative to `folder`, under a `name` of its own among the
@@ -185,6 +200,8 @@ impl Run {
         };
         let names = self.world.crew(index);
         let models = self.world.models(index);
+        // One that is alone takes no turns.
+        let models = if models.len() > 1 { models } else { &[] };
         let place = |names: &[String]| names.iter().position(|known| known == to);
         let change = match (place(names), place(models)) {
             (Some(controller), _) => To::Controller(controller),
@@ -202,10 +219,10 @@ impl Run {
     }
 
     fn schedule(&mut self, robot: usize, to: To, name: String) {
-        let tick = self.world.tick();
+        let (tick, time) = (self.world.tick(), self.scenario().time.clone());
         self.world.schedule(Change { tick, robot, to });
         let swap = Swap {
-            at: tick as f64 * self.scenario().time.step,
+            at: (tick as f64 * time.step).min(time.duration),
             robot: self.scenario().robot[robot].name.clone(),
             to: name,
         };
@@ -233,7 +250,7 @@ impl Run {
         };
         if known.len() > STANDBY_MAX {
             return Err(Unchanged(format!(
-                "there are {STANDBY_MAX} versions already; start the run anew"
+                "{STANDBY_MAX} stand by already; start the run anew"
             )));
         }
         // Of versions the newest.
@@ -256,10 +273,11 @@ impl Run {
             }
         };
         let new = new.map_err(Unchanged)?;
-        let at = self.world.tick() as f64 * self.scenario().time.step;
+        let (tick, step) = (self.world.tick(), self.scenario().time.step);
         let robot_name = self.scenario().robot[robot].name.clone();
         for swap in &mut self.script.swaps {
-            if swap.at >= at && swap.robot == robot_name && swap.to == old_name {
+            let is_ahead = (swap.at / step).round() as u64 >= tick;
+            if is_ahead && swap.robot == robot_name && swap.to == old_name {
                 swap.to.clone_from(&name);
             }
         }

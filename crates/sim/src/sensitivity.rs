@@ -15,9 +15,7 @@ use crate::build::Values;
 use crate::judge::Verdict;
 use crate::meter::Meter;
 use crate::run::{Plans, assemble};
-use crate::scenario::{
-    self, Controller, Diagnostic, Diagnostics, FIRST, Loaded, Overrides, Sensor, Steering,
-};
+use crate::scenario::{self, Diagnostic, Diagnostics, FIRST, Loaded, Overrides, Sensor, Steering};
 use crate::world::World;
 
 /// Parameters of one run with dual numbers: more would be quicker, and take much longer to compile.
@@ -168,14 +166,14 @@ pub fn sensitivity(
 /// What has no derivative that tells anything.
 fn refuse_corners(loaded: &Loaded) -> Result<(), Diagnostics> {
     for robot in &loaded.scenario.robot {
-        let foreign =
-            |(_, controller): &(&str, &Controller)| matches!(controller, Controller::Plugin(_));
-        if let Some((name, _)) = robot.controllers().find(foreign) {
+        if let Some((name, _)) = robot.plugins().next() {
+            let base = format!("robot.{}", robot.name);
             return Err(refuse(
                 loaded,
-                &match name {
-                    FIRST => format!("robot.{}.controller", robot.name),
-                    _ => format!("robot.{}.standby.{name}.controller", robot.name),
+                &match robot.models().any(|model| model == name) {
+                    true => format!("{base}.model.{name}.plugin"),
+                    false if name == FIRST => format!("{base}.controller"),
+                    false => format!("{base}.standby.{name}.controller"),
                 },
                 "must not be a plug-in for derivatives: it takes plain numbers".into(),
                 "use a controller that is built in, or a batch",

@@ -113,6 +113,8 @@ pub struct World<T: Scalar = f64> {
     /// The first model of each robot, then those that stand by; and which of them moves each robot.
     plants: Vec<Slot<T>>,
     driving: Vec<usize>,
+    /// Whether any of them is from a file.
+    any_foreign: bool,
     /// Readings of each robot's motion.
     readings: Vec<Due>,
     pub(crate) referees: Vec<Referee<T>>,
@@ -395,6 +397,7 @@ impl<T: Scalar> World<T> {
             signals,
             sensors,
             controllers,
+            any_foreign: plants.iter().any(|slot| slot.block.origin().is_some()),
             plants,
             driving,
             readings,
@@ -735,6 +738,15 @@ impl<T: Scalar> World<T> {
         for referee in &self.referees {
             next = next.min(referee.due.next);
         }
+        // A model from a file is moved tick by tick: it is told the time, and may fail in each.
+        if self.any_foreign
+            && self
+                .driving
+                .iter()
+                .any(|&k| self.plants[k].block.origin().is_some())
+        {
+            next = next.min(self.tick + 1);
+        }
         next
     }
 
@@ -876,6 +888,9 @@ impl<T: Scalar> Slot<T> {
                 self.block.observe(&self.buffer, detail, outputs);
             }
             Some(shared) => {
+                for (value, &k) in shared.values.iter_mut().zip(&shared.columns) {
+                    *value = row[k];
+                }
                 self.block.observe(&self.buffer, detail, &mut shared.values);
                 for (value, &k) in shared.values.iter().zip(&shared.columns) {
                     row[k] = *value;

@@ -216,3 +216,83 @@ fn refusal_of_models() {
         "{problem}"
     );
 }
+
+/// A model in Python: it turns on the spot and drives as it is told, and fails at a time.
+const PYTHON: &str = r#"
+import math
+from appell_plugin import controller
+
+@controller(
+    inputs={"command.forward": "m/s", "command.yaw_rate": "rad/s"},
+    outputs={"pose.x": "m", "pose.y": "m", "pose.yaw": "rad", "twist.forward": "m/s", "twist.left": "m/s",
+             "twist.yaw_rate": "rad/s", "model.clock": "s"},
+    parameters={"end": (100.0, "s")},
+)
+def unicycle(now, inputs, parameters, memory):
+    if now.before is not None:
+        memory["pose"] = [now.before["pose." + axis] for axis in ("x", "y", "yaw")]
+    if now.t >= parameters["end"]:
+        raise ValueError("its time is up")
+    v, w = inputs["command.forward"], inputs["command.yaw_rate"]
+    x, y, yaw = memory["pose"]
+    middle = yaw + 0.5 * now.dt * w
+    memory["pose"] = [x + now.dt * v * math.cos(middle), y + now.dt * v * math.sin(middle), yaw + now.dt * w]
+    return [*memory["pose"], v, 0.0, w, now.t]
+"#;
+
+fn unicycle(name: &str, more: &str) -> String {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let file = folder.join("unicycle.py");
+    std::fs::write(&file, PYTHON).expect("a file");
+    let file = file.to_str().expect("a plain path");
+    format!("{MODELS}\n[[robot.model]]\nname = \"own\"\nplugin = {{ file = \"{file}\"{more} }}\n")
+}
+
+/// A model of one's own is told the time of every tick, however far the world advances at once.
+#[test]
+fn invariant_own_models_know_every_tick() {
+    let text = scenario(&unicycle("ticks", ""), &[(1.003, "own"), (4.0, "model")]);
+    let (summary, at_once) = run(&text);
+    assert_eq!(summary.verdict, Outcome::Passed);
+    assert_eq!((summary.swaps.len(), summary.failures.len()), (2, 0));
+    let mut one_by_one = build(&text).expect("a run");
+    let mut memory = Memory::new();
+    let again = one_by_one.execute_with(&mut memory, 1, &mut |_| {});
+    assert_eq!(again.expect("a summary"), summary);
+    assert!(memory.into_recording().columns == at_once.columns);
+    // The clock is that of the last tick before each row.
+    let clock = column(&at_once, "model.clock");
+    for (k, &t) in clock.iter().enumerate().take(400).skip(102) {
+        assert_eq!(t, (10 * k - 1) as f64 * 0.001, "{k}");
+    }
+    assert!(jump(&at_once, "pose.x") < 0.01);
+}
+
+/// One that fails hands the robot to its fallback where it was, at the tick at which it failed; or stands still.
+#[test]
+fn invariant_a_model_that_fails_has_its_successor() {
+    let swaps = [(1.0, "own")];
+    let fallback = ", parameters = { end = 2.0375 }, fallback = \"kinematic\"";
+    let (summary, recording) = run(&scenario(&unicycle("falls", fallback), &swaps));
+    assert_eq!(summary.verdict, Outcome::Passed);
+    let failure = &summary.failures[0];
+    assert_eq!(
+        (failure.step, failure.block.as_str()),
+        (2038, "robot.tri.own")
+    );
+    assert!(failure.problem.contains("its time is up"));
+    let last = summary.swaps.last().expect("changes");
+    assert_eq!((last.from.as_str(), last.to.as_str()), ("own", "kinematic"));
+    assert!(jump(&recording, "pose.x") < 0.01);
+
+    let (summary, recording) = run(&scenario(
+        &unicycle("stands", ", parameters = { end = 2.0375 }"),
+        &swaps,
+    ));
+    assert_eq!(summary.verdict, Outcome::Failed);
+    assert_eq!(summary.failures.len(), 1);
+    let x = column(&recording, "pose.x");
+    assert!(x[204..].iter().all(|&value| value == x[204]));
+    assert_eq!(column(&recording, "twist.forward")[204], 0.0);
+}

@@ -3,8 +3,9 @@
 use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 
-use super::{Shared, Slot, World};
+use super::{Shared, Slot, World, gcd};
 use crate::block::{Block, BlockError, Detail, Now, Port, Recovery};
+use crate::foreign::commands_twist;
 use crate::record::Event;
 
 /// A change of controllers.
@@ -217,8 +218,9 @@ impl<T: Scalar> World<T> {
             t,
             dt,
         };
+        // The chain of those that take over from each other has an end.
         if let Err(error) = slot.block.step(&now, &slot.buffer, &mut []) {
-            self.break_off(error, dt);
+            self.recover_motion(error, robot, t, dt);
         }
     }
 
@@ -354,10 +356,8 @@ impl<T: Scalar> World<T> {
         let begin = self.controllers.iter().position(is_of);
         let begin = begin.ok_or("the robot has no controller")?;
         let new = self.rosters[robot].names.len();
-        let is_twisted =
-            |ports: &[crate::block::Port]| ports.iter().any(|p| p.path.contains(".command."));
         let old = &self.controllers[begin + like];
-        if is_twisted(old.block.outputs()) != is_twisted(block.outputs()) {
+        if commands_twist(old.block.outputs()) != commands_twist(block.outputs()) {
             return Err("must command what its predecessor did: the twist, or the wheels".into());
         }
         let due = old.due;
@@ -388,6 +388,17 @@ impl<T: Scalar> World<T> {
                 columns,
             }),
         };
+        // What it reads of the motion has to be up to date when it is due.
+        if slot
+            .inputs
+            .iter()
+            .any(|k| self.plants[robot].outputs.contains(k))
+        {
+            let reading = &mut self.readings[robot];
+            reading.period = gcd(reading.period, slot.due.period);
+            reading.seek(self.tick + 1);
+            self.plants[self.driving[robot]].observe(Detail::Motion, &mut self.row);
+        }
         self.controllers.insert(begin + new, slot);
         self.rosters[robot].names.push(name);
         Ok(new)
@@ -401,7 +412,22 @@ impl<T: Scalar> World<T> {
         block: Box<dyn Block<T>>,
     ) -> Result<usize, String> {
         let (inputs, columns) = self.columns_of(block.as_ref())?;
+        let sensors = self.sensors.iter();
+        let deciding = self
+            .controllers
+            .iter()
+            .filter(|slot| slot.models == u64::MAX);
+        let readers = sensors.chain(deciding).filter(|slot| slot.robot == robot);
+        let moved = |k: &&usize| self.plants[robot].outputs.contains(k);
+        let read = readers.flat_map(|slot| slot.inputs.iter().filter(moved));
+        if let Some(&lacks) = read.into_iter().find(|k| !columns.contains(k)) {
+            let path = &self.signals[lacks].path;
+            return Err(format!(
+                "must write {path}, which a sensor or controller reads"
+            ));
+        }
         let new = self.rosters[robot].models.len();
+        self.any_foreign = true;
         self.plants.push(Slot {
             buffer: vec![T::zero(); inputs.len()],
             inputs,

@@ -124,6 +124,17 @@ fn check_models(c: &mut Checker, robot: &Robot, base: &str, scenario: &Scenario,
     if robot.model.is_empty() {
         return;
     }
+    if robot
+        .standby
+        .iter()
+        .any(|standby| standby.name == FIRST_MODEL)
+    {
+        c.refuse(
+            format!("{base}.standby.{FIRST_MODEL}.name"),
+            format!("must be another than \"{FIRST_MODEL}\" beside models that stand by"),
+            "that is the name of the robot's first model",
+        );
+    }
     let names = robot.model.iter().map(|model| model.name.as_str());
     c.unique(&format!("{base}.model"), "name", names);
     if robot.model.len() > STANDBY_MAX {
