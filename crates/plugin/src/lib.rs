@@ -6,9 +6,10 @@
 //! the right length, finite and within the limits that were stated, or it is a [`Fault`].
 //!
 //! This crate knows nothing of robots. A module of WebAssembly runs in this process, which it cannot reach
-//! out of. Any other plug-in runs in a child process and talks over its standard input and output; the messages are those of [`wire`], which the book documents for other languages. A
-//! library with a C interface is served by a child as well, or loaded into this process where it is trusted. An
-//! FMU is always served by a child.
+//! out of. Any other plug-in runs in a child process and talks over its standard input and output; the
+//! messages are those of [`wire`], which the book documents for other languages. A library with a C interface
+//! is served by a child as well, or loaded into this process where it is trusted. An FMU is always served by
+//! a child.
 
 mod conformance;
 mod contract;
