@@ -354,7 +354,7 @@ fn invariant_what_was_watched_repeats() {
             "--no-report",
             "--csv",
         ])
-        .args(["--watch", "--pace", "4", "--out", word(&out)])
+        .args(["--watch", "--pace", "1.5", "--out", word(&out)])
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -367,7 +367,8 @@ fn invariant_what_was_watched_repeats() {
     }
     let edit = |text: &str| {
         std::fs::write(&file, text).expect("a file");
-        std::thread::sleep(Duration::from_millis(500));
+        // Two looks of the watcher, and the start of Python on a busy machine.
+        std::thread::sleep(Duration::from_millis(1200));
     };
     edit(&source.replace("0.8 * now.dt", "0.7 * now.dt"));
     let mut words = child.stdin.take().expect("a pipe");
