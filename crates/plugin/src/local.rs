@@ -42,14 +42,7 @@ pub trait Local: Debug + Send {
         width: usize,
         results: &mut [f64],
     ) -> Result<(), (usize, String)> {
-        for (k, (call, results)) in calls
-            .iter()
-            .zip(results.chunks_exact_mut(width))
-            .enumerate()
-        {
-            self.step(call, results).map_err(|problem| (k, problem))?;
-        }
-        Ok(())
+        one_by_one(self, calls, width, results)
     }
 
     /// What a member remembers.
@@ -65,6 +58,20 @@ pub trait Local: Debug + Send {
     fn is_alive(&self) -> bool {
         true
     }
+}
+
+/// Steps members one after the other; see [`Local::step_many`].
+pub(crate) fn one_by_one<L: Local + ?Sized>(
+    local: &mut L,
+    calls: &[Call<'_>],
+    width: usize,
+    results: &mut [f64],
+) -> Result<(), (usize, String)> {
+    let each = calls.iter().zip(results.chunks_exact_mut(width));
+    for (k, (call, results)) in each.enumerate() {
+        local.step(call, results).map_err(|problem| (k, problem))?;
+    }
+    Ok(())
 }
 
 /// Members by their numbers, which only grow.

@@ -14,7 +14,7 @@ use wasmtime::{
 
 use crate::Limits;
 use crate::contract::Fault;
-use crate::local::{ABI, Local, Members};
+use crate::local::{ABI, Local, Members, one_by_one};
 use crate::wire::{BODY_MAX, Call};
 
 /// Largest module, bytes: what is larger takes too long to compile.
@@ -539,11 +539,7 @@ impl Local for Wasm {
         let is_many = calls.len() > 1 && same && calls.len() < 1 << 20;
         // Taken rather than cloned, which counts references.
         let Some(step_many) = self.step_many.take_if(|_| is_many) else {
-            let each = calls.iter().zip(results.chunks_exact_mut(width));
-            for (k, (call, results)) in each.enumerate() {
-                self.step(call, results).map_err(|problem| (k, problem))?;
-            }
-            return Ok(());
+            return one_by_one(self, calls, width, results);
         };
         let stepped = self.step_all(&step_many, calls, width, results);
         self.step_many = Some(step_many);

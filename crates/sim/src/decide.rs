@@ -18,7 +18,7 @@ use crate::foreign::{Foreign, Pool, Reach, Request, Role};
 use crate::noise::{Stream, Streams};
 use crate::plan::Path;
 use crate::plant::{Numerics, Plant, Start, command_signal};
-use crate::run::refuse;
+use crate::run::{refuse, refuse_plant};
 use crate::scenario::{
     Channel, Controller, Diagnostics, FIRST, Loaded, Model, Platform as PlatformFile, Plugin,
     Robot, Scenario, Signal,
@@ -191,13 +191,7 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             .expect("a checked platform can be built");
             let (name, level) = (&robot.name, own.level);
             let plant = Plant::new(name, platform.clone(), ground, level, numerics, start)
-                .map_err(|error| {
-                    let path = match error.field.contains('.') {
-                        true => error.field.to_owned(),
-                        false => format!("{base}.{}", error.field),
-                    };
-                    refuse(self.loaded, path, error.problem, error.hint)
-                })?;
+                .map_err(|error| refuse_plant(self.loaded, &base, error))?;
             Ok(Standing {
                 plant: Box::new(plant),
                 own: Some((own, platform)),

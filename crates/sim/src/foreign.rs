@@ -222,8 +222,7 @@ impl<T: Scalar> Foreign<T> {
             });
         }
         let writes = |begins: &str| {
-            let below = |port: &Port| port.path.strip_prefix(&prefix).map(str::to_owned);
-            let mut written = outputs.iter().filter_map(below);
+            let mut written = outputs.iter().filter_map(|p| p.path.strip_prefix(&prefix));
             written.any(|name| name.starts_with(begins))
         };
         let (twist, wheels) = (writes(COMMAND), writes("wheel."));

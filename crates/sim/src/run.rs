@@ -16,7 +16,7 @@ use crate::layout::{Assignment, Goal, Layout};
 use crate::live::{Script, Workshop};
 use crate::meter::Meter;
 use crate::plan::{self, Path, PlanError};
-use crate::plant::{Numerics, Plant, Start};
+use crate::plant::{Numerics, Plant, PlantError, Start};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Statistics,
@@ -158,6 +158,15 @@ pub(crate) fn fingerprint(loaded: &Loaded) -> String {
     hash(&(loaded.resolved.clone() + &digests(&loaded.scenario, &loaded.folder)))
 }
 
+/// Why a plant cannot be built: a setting of the scenario, or one below `base`.
+pub(crate) fn refuse_plant(loaded: &Loaded, base: &str, error: PlantError) -> Diagnostics {
+    let path = match error.field.contains('.') {
+        true => error.field.to_owned(),
+        false => format!("{base}.{}", error.field),
+    };
+    refuse(loaded, path, error.problem, error.hint)
+}
+
 pub(crate) fn refuse(loaded: &Loaded, path: String, problem: String, hint: String) -> Diagnostics {
     Diagnostics(vec![Diagnostic {
         file: loaded.file.clone(),
@@ -273,14 +282,7 @@ pub(crate) fn assemble<T: Scalar>(
         };
         let name = &robot.name;
         let plant = Plant::new(name, platform.clone(), ground, robot.level, numerics, start)
-            .map_err(|error| {
-                let path = if error.field.contains('.') {
-                    error.field.to_owned()
-                } else {
-                    format!("robot.{name}.{}", error.field)
-                };
-                refuse(loaded, path, error.problem, error.hint)
-            })?;
+            .map_err(|error| refuse_plant(loaded, &format!("robot.{name}"), error))?;
         integrators.push(plant.integrator());
         let layout = build::layout(scenario, robot);
         let assignment = robot

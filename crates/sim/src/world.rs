@@ -9,6 +9,7 @@
 mod changes;
 mod look;
 mod saved;
+mod slot;
 
 use std::collections::BTreeMap;
 
@@ -26,55 +27,7 @@ use changes::Roster;
 pub(crate) use changes::{Change, To};
 pub use changes::{Failure, Swapped};
 use look::{Look, rings};
-
-/// When something is due that repeats: a division at every tick costs more than the tick's logic.
-#[derive(Clone, Copy, Debug)]
-struct Due {
-    /// Ticks between two times.
-    period: u64,
-    next: u64,
-}
-
-impl Due {
-    fn every(period: u64) -> Self {
-        Due { period, next: 0 }
-    }
-
-    /// Whether it is due at this tick; if so, it is next due a period later.
-    fn now(&mut self, tick: u64) -> bool {
-        let due = tick == self.next;
-        if due {
-            self.next += self.period;
-        }
-        due
-    }
-
-    /// Goes to another tick, at which nothing has been done yet.
-    fn seek(&mut self, tick: u64) {
-        self.next = tick.next_multiple_of(self.period);
-    }
-}
-
-/// A block in its place: when it is due, what it reads and where it writes.
-struct Slot<T: Scalar> {
-    block: Box<dyn Block<T>>,
-    due: Due,
-    inputs: Vec<usize>,
-    outputs: std::ops::Range<usize>,
-    buffer: Vec<T>,
-    /// Its robot, and the controllers and models of the robot with which it runs, a bit each.
-    robot: usize,
-    with: u64,
-    models: u64,
-    /// Columns and values of its outputs, where another of the robot's blocks writes some of them.
-    shared: Option<Shared<T>>,
-}
-
-/// Outputs that do not stand side by side.
-struct Shared<T> {
-    columns: Vec<usize>,
-    values: Vec<T>,
-}
+use slot::{Due, Shared, Slot, gcd};
 
 /// What judges a robot.
 pub(crate) struct Referee<T: Scalar> {
@@ -876,75 +829,4 @@ impl World {
             None => Ok(goes_on),
         }
     }
-}
-
-impl<T: Scalar> Slot<T> {
-    /// Writes the outputs of the present state.
-    fn observe(&mut self, detail: Detail, row: &mut [T]) {
-        self.gather(row);
-        match &mut self.shared {
-            None => {
-                let outputs = &mut row[self.outputs.clone()];
-                self.block.observe(&self.buffer, detail, outputs);
-            }
-            Some(shared) => {
-                for (value, &k) in shared.values.iter_mut().zip(&shared.columns) {
-                    *value = row[k];
-                }
-                self.block.observe(&self.buffer, detail, &mut shared.values);
-                for (value, &k) in shared.values.iter().zip(&shared.columns) {
-                    row[k] = *value;
-                }
-            }
-        }
-    }
-
-    /// Lets it decide.
-    fn step(&mut self, now: &Now<'_, T>, row: &mut [T]) -> Result<(), BlockError> {
-        self.gather(row);
-        match &mut self.shared {
-            None => {
-                let outputs = &mut row[self.outputs.clone()];
-                self.block.step(now, &self.buffer, outputs)
-            }
-            Some(shared) => {
-                for (value, &k) in shared.values.iter_mut().zip(&shared.columns) {
-                    *value = row[k];
-                }
-                let stepped = self.block.step(now, &self.buffer, &mut shared.values);
-                for (value, &k) in shared.values.iter().zip(&shared.columns) {
-                    row[k] = *value;
-                }
-                stepped
-            }
-        }
-    }
-
-    /// Whether it runs with the present controller and model of its robot.
-    fn runs(&self, rosters: &[Roster]) -> bool {
-        let is_of = |set: u64, one: usize| set == u64::MAX || set & (1 << one) != 0;
-        let roster = &rosters[self.robot];
-        is_of(self.with, roster.active) && is_of(self.models, roster.model)
-    }
-
-    /// Columns of its outputs.
-    fn columns(&self) -> impl Iterator<Item = usize> {
-        let (beside, apart): (_, &[usize]) = match &self.shared {
-            None => (self.outputs.clone(), &[]),
-            Some(shared) => (0..0, &shared.columns),
-        };
-        beside.chain(apart.iter().copied())
-    }
-
-    fn gather(&mut self, row: &[T]) {
-        // Zipped iterators are calls here, and this is the heart of every tick.
-        for (k, &index) in self.inputs.iter().enumerate() {
-            self.buffer[k] = row[index];
-        }
-    }
-}
-
-/// Greatest common divisor.
-fn gcd(a: u64, b: u64) -> u64 {
-    if b == 0 { a } else { gcd(b, a % b) }
 }
