@@ -147,7 +147,7 @@ fn peer_native_library_has_the_same_bits() {
     let (a, b) = (drive(&mut module, 50), drive(&mut native, 50));
     assert_eq!(a.0.len(), 50);
     assert!(a.1.is_none() && b.1.is_none());
-    // 1 / 4 − 0.6 · 2 + …: sums and quotients, which all machines round alike.
+    // Sums and quotients, which all machines round alike.
     assert!(
         a.0.iter()
             .zip(&b.0)
