@@ -44,6 +44,8 @@ pub struct Platform<T> {
     layout: Layout,
     /// Columns of Σ, as (x, y, yaw) rows over η.
     basis: [Row<T>; 3],
+    /// How far behind P the axle of the fixed wheels stands, where an ideal linkage follows it, m.
+    axle: T,
     /// Frames of the fixed wheels; of the others, at the angle zero.
     frames: Vec<WheelFrame<T>>,
     /// (cos δ, sin δ) of each rim; (1, 0) for plain ones.
@@ -162,6 +164,8 @@ impl<T: Scalar> Platform<T> {
             }
         }
         let (basis, eta, independent) = fixed_basis(&wheels)?;
+        // Two coordinates span the motion: the fixed axle stands where V_y = −x₀ ω.
+        let axle = if eta == 2 { basis[1][1] } else { T::zero() };
         let select = |keep: &dyn Fn(&Wheel<T>) -> bool| -> Vec<usize> {
             (0..wheels.len()).filter(|&i| keep(&wheels[i])).collect()
         };
@@ -234,9 +238,25 @@ impl<T: Scalar> Platform<T> {
             wheels,
             layout,
             basis,
+            axle,
             frames,
             rims,
         })
+    }
+
+    /// The same platform with wheels that may slip: its velocity coordinates are the twist of the base
+    /// (V_x, V_y, ω) and the rates of the steered wheels, and no wheel forbids any.
+    pub fn released(mut self) -> Self {
+        let (zero, one) = (T::zero(), T::one());
+        self.basis = [zero_row(), zero_row(), zero_row()];
+        for axis in 0..3 {
+            for (k, entry) in self.basis[axis].iter_mut().enumerate().take(3) {
+                *entry = if k == axis { one } else { zero };
+            }
+        }
+        self.layout.eta = 3;
+        self.layout.guides.clear();
+        self
     }
 
     /// Degrees of mobility δ_m and steerability δ_s at angles of the steered wheels that are nothing
@@ -428,8 +448,7 @@ impl<T: Scalar> Platform<T> {
     /// lead stands to its left, m.
     #[inline(always)]
     fn guidance(&self, i: usize, lead: usize) -> [T; 3] {
-        // Two coordinates span the motion: the fixed axle stands where V_y = −x₀ ω.
-        let behind = self.basis[1][1];
+        let behind = self.axle;
         let (own, lead) = (self.wheels[i].mount, self.wheels[lead].mount);
         [own.x + behind, lead.x + behind, lead.y - own.y]
     }

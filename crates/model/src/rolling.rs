@@ -4,7 +4,7 @@
 //! SᵀMS v̇ + ω G v + (terms of turning wheel planes) = SᵀF, with dry friction as a mode.
 //! Base frame of the robot for forces and rows, world frame for the pose.
 
-mod axle;
+pub(crate) mod axle;
 mod compiled;
 mod contact;
 mod friction;

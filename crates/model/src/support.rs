@@ -1,9 +1,9 @@
 //! Normal loads, zero-moment point and tip-over margin of a rigid body on point contacts.
 
-use crate::planar::Vec2;
+use crate::planar::{Vec2, vec2};
 use crate::platform::MAX_WHEELS;
-use crate::scalar::Scalar;
-use crate::solve::{MAX_DOF, invert};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::{MAX_DOF, invert, invert_known};
 
 /// Contacts that carry a body, base axes.
 ///
@@ -108,6 +108,55 @@ impl<T: Scalar> Support<T> {
         loads
     }
 
+    /// Loads as an affine function of the tangential force F of the ground, base axes: Nᵢ = aᵢ + bᵢ · F,
+    /// for a body of normal weight `weight`, N, with its center of mass at `center`, m, and `height`, m,
+    /// without the contacts that are `lifted`. Where those left carry no plane, they carry what they can.
+    /// `[eq:normal-loads]`
+    #[inline(always)]
+    pub fn affine(
+        &self,
+        weight: T,
+        center: Vec2<T>,
+        height: T,
+        lifted: &[T::Mask; MAX_WHEELS],
+    ) -> ([T; MAX_WHEELS], [Vec2<T>; MAX_WHEELS]) {
+        let mut inverse = self.inverse;
+        if (0..self.points.len()).any(|k| lifted[k].any()) {
+            let mut sums = [[T::zero(); MAX_DOF]; MAX_DOF];
+            let mut whole = T::zero();
+            for k in 0..self.points.len() {
+                let row = [T::one(), self.points[k].x, self.points[k].y];
+                let stiffness = T::select(lifted[k], T::zero(), self.stiffness[k]);
+                for a in 0..3 {
+                    whole = (self.stiffness[k] * row[a]).mul_add(row[a], whole);
+                    for b in 0..3 {
+                        sums[a][b] = (stiffness * row[a]).mul_add(row[b], sums[a][b]);
+                    }
+                }
+            }
+            let left = invert_known(3, &sums, whole * T::from(1e-9));
+            for a in 0..3 {
+                inverse[a].copy_from_slice(&left[a][..3]);
+            }
+        }
+        let mut still = [T::zero(); MAX_WHEELS];
+        let mut shift = [Vec2::zero(); MAX_WHEELS];
+        for k in 0..self.points.len() {
+            let stiffness = T::select(lifted[k], T::zero(), self.stiffness[k]);
+            let row = [T::one(), self.points[k].x, self.points[k].y];
+            let mut of = [T::zero(); 3];
+            for b in 0..3 {
+                for a in 0..3 {
+                    of[b] = row[a].mul_add(inverse[a][b], of[b]);
+                }
+                of[b] *= stiffness;
+            }
+            still[k] = weight * of[2].mul_add(center.y, of[1].mul_add(center.x, of[0]));
+            shift[k] = vec2(of[1], of[2]) * -height;
+        }
+        (still, shift)
+    }
+
     /// Distance of a zero-moment point to the nearest edge of the support polygon, m; negative
     /// outside, where the body tips over that edge. `[eq:tip-over]`
     #[inline(always)]
@@ -158,7 +207,6 @@ fn hull<T: Scalar>(points: &[Vec2<T>], mut order: Vec<usize>) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planar::vec2;
 
     fn square() -> Support<f64> {
         let corner = |x, y| (vec2(x, y), 1.0);

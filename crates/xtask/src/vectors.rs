@@ -3,6 +3,7 @@
 //! No equation of motion stands here: a vector's parameters become a [`Platform`], its columns are
 //! looked up in the state and output vectors, and `appell-model` does the rest.
 
+mod contact;
 mod points;
 mod signal;
 
@@ -19,6 +20,8 @@ use appell_model::platform::{Body, Layout, Platform, WheelOutput, YAW};
 use appell_model::pose_error::PoseError;
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
+use appell_model::slip::{Loads, Slip};
+use appell_model::tire::{Contact, Tire};
 use appell_model::wheel::{Rim, Steering, Wheel};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -149,6 +152,14 @@ enum Model {
         kinematic: bool,
     },
     PoseError(PoseError<f64>),
+    /// Wheels that slip, each with its contact law.
+    Slip {
+        platform: Box<Platform<f64>>,
+        tires: Vec<Tire<f64>>,
+        ground: Ground<f64>,
+        loads: Loads,
+    },
+    Contact(Contact<f64>),
 }
 
 /// A vector made ready: a model, its initial state, and where its columns stand.
@@ -214,16 +225,33 @@ pub fn run<T: Scalar>(vector: &Vector, method: Method) -> Result<Vec<Vec<T>>, Re
             };
             integrate(vector, &problem, &model, method)
         }
+        Model::Contact(contact) => {
+            let contact = Contact {
+                tire: contact.tire.map(&mut T::from),
+                load: T::from(contact.load),
+                rolling: T::from(contact.rolling),
+            };
+            integrate(vector, &problem, &contact, method)
+        }
+        Model::Slip {
+            platform,
+            tires,
+            ground,
+            loads,
+        } => {
+            let platform = platform.map(&mut |_, value| T::from(value));
+            let tires = tires.iter().map(|tire| tire.map(&mut T::from)).collect();
+            let system = Slip::new(platform, tires, lift(ground), *loads);
+            let system = system.map_err(|e| wrong(format!("{e:?}")))?;
+            integrate(vector, &problem, &system, method)
+        }
         Model::Robot {
             platform,
             ground,
             kinematic,
         } => {
             let platform = platform.map(&mut |_, value| T::from(value));
-            let ground = Ground {
-                gravity: vec2(T::from(ground.gravity.x), T::from(ground.gravity.y)),
-                gravity_normal: T::from(ground.gravity_normal),
-            };
+            let ground = lift(ground);
             if *kinematic {
                 let system = Kinematic::new(platform)
                     .ok_or_else(|| wrong("wheels do not determine the motion"))?;
@@ -232,6 +260,14 @@ pub fn run<T: Scalar>(vector: &Vector, method: Method) -> Result<Vec<Vec<T>>, Re
                 integrate(vector, &problem, &Rolling::new(platform, ground), method)
             }
         }
+    }
+}
+
+/// The same ground in another scalar.
+fn lift<T: Scalar>(ground: &Ground<f64>) -> Ground<T> {
+    Ground {
+        gravity: vec2(T::from(ground.gravity.x), T::from(ground.gravity.y)),
+        gravity_normal: T::from(ground.gravity_normal),
     }
 }
 
@@ -329,6 +365,15 @@ fn number(params: &Map<String, Value>, key: &str) -> Result<f64, Refusal> {
         .ok_or_else(|| wrong(format!("parameter {key}: a number is missing")))
 }
 
+/// The inclined plane of a vector.
+fn plane(params: &Map<String, Value>) -> Ground<f64> {
+    Ground::plane(
+        number_or(params, "g", 9.81),
+        number_or(params, "slope", 0.0),
+        number_or(params, "downhill_heading", 0.0),
+    )
+}
+
 fn number_or(params: &Map<String, Value>, key: &str, default: f64) -> f64 {
     params.get(key).and_then(Value::as_f64).unwrap_or(default)
 }
@@ -356,15 +401,14 @@ fn plain_wheel(name: &str, x: f64, y: f64, radius: f64) -> Wheel<f64> {
 }
 
 fn prepare(vector: &Vector) -> Result<Problem, Refusal> {
-    if vector.model == "pose_error" {
-        return pose_error(vector);
+    match vector.model.as_str() {
+        "pose_error" => return pose_error(vector),
+        "slip" => return contact::slip(vector),
+        "lugre" => return contact::lugre(vector),
+        _ => {}
     }
     let p = &vector.params;
-    let ground = Ground::plane(
-        number_or(p, "g", 9.81),
-        number_or(p, "slope", 0.0),
-        number_or(p, "downhill_heading", 0.0),
-    );
+    let ground = plane(p);
     let (body, wheels, kinematic, names) = match vector.model.as_str() {
         "diff_kinematic" | "diff_dynamic" | "diff_incline" | "diff_motor" => differential(vector)?,
         "general_rolling" | "mecanum_dynamic" => listed_wheels(vector)?,
@@ -495,7 +539,14 @@ fn differential(vector: &Vector) -> Result<Parts, Refusal> {
 fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
     let p = &vector.params;
     let com = vec2(number_or(p, "com_x", 0.0), number_or(p, "com_y", 0.0));
-    let body = if vector.model == "mecanum_dynamic" {
+    let body = if vector.model == "slip" {
+        Body {
+            mass: number(p, "mass")?,
+            inertia_com: number(p, "inertia_com")?,
+            center_of_mass: com,
+            com_height: number_or(p, "com_height", 0.0),
+        }
+    } else if vector.model == "mecanum_dynamic" {
         let mass = number(p, "mass")?;
         Body {
             mass,
@@ -521,7 +572,9 @@ fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
         let w = entry
             .as_object()
             .ok_or_else(|| wrong(format!("wheel {}: not a table", i + 1)))?;
-        let kind = w.get("kind").and_then(Value::as_str).unwrap_or("swedish");
+        let rollers = vector.model != "slip" || w.contains_key("delta");
+        let usual = if rollers { "swedish" } else { "fixed" };
+        let kind = w.get("kind").and_then(Value::as_str).unwrap_or(usual);
         let angle = number_or(w, "angle", 0.0);
         let steering = match kind {
             "fixed" | "swedish" => Steering::Fixed { angle },
@@ -547,7 +600,7 @@ fn listed_wheels(vector: &Vector) -> Result<Parts, Refusal> {
             pivot_viscous: number_or(w, "pivot_viscous", 0.0),
             dry_friction: number_or(w, "load", 0.0) * number_or(w, "rolling_arm", 0.0),
             friction_rounding: number_or(p, "roll_eps", 0.0),
-            stiffness: 1.0,
+            stiffness: number_or(w, "stiffness", 1.0),
             ..plain_wheel(
                 &format!("w{}", i + 1),
                 number(w, "x")?,

@@ -7,20 +7,20 @@ use crate::wheel::Wheel;
 
 /// What turns and resists one wheel.
 #[derive(Clone, Debug)]
-pub(super) struct Axle<T> {
-    pub(super) supply: Supply<T>,
-    pub(super) viscous: T,
-    pub(super) dry_friction: T,
-    pub(super) brake: T,
+pub(crate) struct Axle<T> {
+    pub(crate) supply: Supply<T>,
+    pub(crate) viscous: T,
+    pub(crate) dry_friction: T,
+    pub(crate) brake: T,
     /// Whether there is dry friction or a brake that can hold the wheel.
-    pub(super) rubs: bool,
+    pub(crate) rubs: bool,
     /// Rate over which friction that cannot hold it is rounded off, rad/s.
-    pub(super) rounding: Option<T>,
+    pub(crate) rounding: Option<T>,
 }
 
 /// What gives an axle its torque.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Supply<T> {
+pub(crate) enum Supply<T> {
     /// Nothing.
     None,
     /// A torque, N·m, within this limit.
@@ -33,29 +33,43 @@ pub(super) enum Supply<T> {
 
 /// What happens at one axle at an instant.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Action<T: Scalar> {
+pub(crate) struct Action<T: Scalar> {
     /// Spin rate φ̇, rad/s; zero where the wheel sticks.
-    pub(super) rate: T,
+    pub(crate) rate: T,
     /// Torque of the drive at the axle, N·m.
-    pub(super) torque: T,
+    pub(crate) torque: T,
     /// Torque of viscous and kinetic dry friction, N·m.
-    pub(super) lost: T,
+    pub(crate) lost: T,
     /// Largest torque of dry friction, N·m.
-    pub(super) bound: T,
+    pub(crate) bound: T,
     /// Whether dry friction holds the wheel.
-    pub(super) stuck: T::Mask,
+    pub(crate) stuck: T::Mask,
     /// Current, A, and its rate, A/s.
-    pub(super) current: T,
-    pub(super) current_rate: T,
+    pub(crate) current: T,
+    pub(crate) current_rate: T,
     /// Power: supplied, heat of the winding, heat of the gears, heat of friction, W.
-    pub(super) supplied: T,
-    pub(super) windings: T,
-    pub(super) gears: T,
-    pub(super) rubbed: T,
+    pub(crate) supplied: T,
+    pub(crate) windings: T,
+    pub(crate) gears: T,
+    pub(crate) rubbed: T,
+}
+
+/// A drive at the end of an implicit step.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Turned<T> {
+    /// Torque at the axle, N·m, and how it falls with the rate, N·m·s/rad.
+    pub(crate) torque: T,
+    pub(crate) damping: T,
+    /// Current, A.
+    pub(crate) current: T,
+    /// Power: supplied, heat of the winding, heat of the gears, W.
+    pub(crate) supplied: T,
+    pub(crate) windings: T,
+    pub(crate) gears: T,
 }
 
 impl<T: Scalar> Axle<T> {
-    pub(super) fn new(wheel: &Wheel<T>, current: Option<usize>) -> Self {
+    pub(crate) fn new(wheel: &Wheel<T>, current: Option<usize>) -> Self {
         let rounded = wheel.friction_rounding.lane(0) > 0.0;
         Axle {
             supply: match &wheel.drive {
@@ -76,27 +90,105 @@ impl<T: Scalar> Axle<T> {
 
     /// Largest friction torque that holds or brakes the wheel, N·m, at a brake command in [0, 1].
     #[inline(always)]
-    pub(super) fn bound(&self, brake: T) -> T {
+    pub(crate) fn bound(&self, brake: T) -> T {
         self.brake.mul_add(brake, self.dry_friction)
     }
 
     /// Whether a bound of dry friction holds the wheel in this mode.
     #[inline(always)]
-    pub(super) fn sticks(&self, mode: T, bound: T) -> T::Mask {
+    pub(crate) fn sticks(&self, mode: T, bound: T) -> T::Mask {
         is_zero(mode).and(T::zero().less(bound))
     }
 
     /// What happens for a command, a brake command, a mode, a spin rate and a current.
     #[inline(always)]
-    pub(super) fn act(&self, command: T, brake: T, mode: T, rate: T, current: T) -> Action<T> {
+    pub(crate) fn act(&self, command: T, brake: T, mode: T, rate: T, current: T) -> Action<T> {
         let mut action = self.resist(brake, mode, rate);
         self.drive(&mut action, command, current);
         action
     }
 
+    /// Index of the current among the states, if it is one.
+    #[inline(always)]
+    pub(crate) fn current(&self) -> Option<usize> {
+        match self.supply {
+            Supply::Motor(_, at) => Some(at),
+            _ => None,
+        }
+    }
+
+    /// Torque that holds the wheel or brakes it, N·m: zero where friction is rounded off.
+    #[inline(always)]
+    pub(crate) fn held(&self, brake: T) -> T {
+        if self.rubs {
+            self.bound(brake)
+        } else {
+            T::zero()
+        }
+    }
+
+    /// Torque of the friction that depends on the rate, and its derivative, N·m·s/rad.
+    #[inline(always)]
+    pub(crate) fn glide(&self, brake: T, rate: T) -> (T, T) {
+        let viscous = self.viscous * rate;
+        match self.rounding {
+            Some(rounding) => {
+                let (bound, bend) = (self.bound(brake), (rate / rounding).tanh());
+                let slope = bound * (T::one() - bend * bend) / rounding;
+                (bound.mul_add(bend, viscous), self.viscous + slope)
+            }
+            None => (viscous, self.viscous),
+        }
+    }
+
+    /// The drive at the end of an implicit step of `step` s, for the rate at the end and the current at
+    /// its start.
+    #[inline(always)]
+    pub(crate) fn at_end(&self, command: T, rate: T, start: T, step: T) -> Turned<T> {
+        let zero = T::zero();
+        let mut action = Action {
+            rate,
+            ..Action::none()
+        };
+        let mut damping = zero;
+        match &self.supply {
+            Supply::None => {}
+            Supply::Torque(limit) => {
+                action.torque = command.max(-*limit).min(*limit);
+                action.supplied = action.torque * rate;
+            }
+            Supply::Motor(winding, _) | Supply::Resistor(winding) => {
+                let emf = winding.emf * rate;
+                let voltage = winding.terminal_voltage(command, emf);
+                let (current, conductance) = if let Supply::Motor(..) = self.supply {
+                    // L (i − i₀)/h = U − R i − E.
+                    let gain = step * winding.slope;
+                    let share = T::one() / gain.mul_add(winding.resistance, T::one());
+                    (gain.mul_add(voltage - emf, start) * share, gain * share)
+                } else {
+                    (winding.steady_current(voltage, emf), winding.conductance)
+                };
+                action.spend(winding, voltage, current, emf);
+                // Where the driver limits the current, the voltage follows the back-EMF.
+                let asked = command.max(-winding.voltage_max).min(winding.voltage_max);
+                let limited = zero.less((asked - voltage).abs());
+                let free = winding.torque * winding.emf * conductance;
+                damping = T::select(limited, zero, free);
+            }
+        }
+        Turned {
+            torque: action.torque,
+            damping,
+            current: action.current,
+            supplied: action.supplied,
+            windings: action.windings,
+            gears: action.gears,
+        }
+    }
+
     /// Adds what the drive does.
     #[inline(always)]
-    pub(super) fn drive(&self, action: &mut Action<T>, command: T, current: T) {
+    pub(crate) fn drive(&self, action: &mut Action<T>, command: T, current: T) {
         match &self.supply {
             Supply::None => {}
             Supply::Torque(limit) => {
@@ -114,7 +206,7 @@ impl<T: Scalar> Axle<T> {
 
     /// Viscous friction alone, as of a wheel without any other.
     #[inline(always)]
-    pub(super) fn roll(&self, rate: T) -> Action<T> {
+    pub(crate) fn roll(&self, rate: T) -> Action<T> {
         let mut action = Action {
             rate,
             ..Action::none()
@@ -125,7 +217,7 @@ impl<T: Scalar> Axle<T> {
 
     /// Friction alone.
     #[inline(always)]
-    pub(super) fn resist(&self, brake: T, mode: T, rate: T) -> Action<T> {
+    pub(crate) fn resist(&self, brake: T, mode: T, rate: T) -> Action<T> {
         let mut action = Action {
             rate,
             ..Action::none()
@@ -145,7 +237,7 @@ impl<T: Scalar> Axle<T> {
 
 impl<T: Scalar> Action<T> {
     #[inline(always)]
-    pub(super) fn none() -> Self {
+    pub(crate) fn none() -> Self {
         let zero = T::zero();
         Action {
             rate: zero,
@@ -171,7 +263,7 @@ impl<T: Scalar> Action<T> {
 
     /// A motor whose current is a state.
     #[inline(always)]
-    pub(super) fn drive(&mut self, winding: &Winding<T>, command: T, current: T) {
+    pub(crate) fn drive(&mut self, winding: &Winding<T>, command: T, current: T) {
         let emf = winding.emf * self.rate;
         let voltage = winding.terminal_voltage(command, emf);
         self.current_rate = winding.current_rate(voltage, current, emf);
@@ -180,7 +272,7 @@ impl<T: Scalar> Action<T> {
 
     /// Torque and powers of a motor at a current.
     #[inline(always)]
-    fn spend(&mut self, winding: &Winding<T>, voltage: T, current: T, emf: T) {
+    pub(crate) fn spend(&mut self, winding: &Winding<T>, voltage: T, current: T, emf: T) {
         self.current = current;
         self.torque = winding.torque * current;
         self.supplied = voltage * current;

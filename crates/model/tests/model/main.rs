@@ -9,4 +9,5 @@ mod inverse;
 mod order;
 mod random_platforms;
 mod single_track;
+mod slip;
 mod trailer;

@@ -15,6 +15,7 @@ use super::{Refusal, Vector, listed_wheels, number, number_or, pioneer, wrong};
 pub fn points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
     match vector.model.as_str() {
         "mecanum_kinematic" => mecanum_points(vector),
+        "brush" => super::contact::brush_points(vector),
         "normal_load" => load_points(vector),
         "pioneer2dx_inverse" => inverse_points(vector),
         other => Err(Refusal::Foreign(format!("model {other}"))),
@@ -22,7 +23,7 @@ pub fn points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
 }
 
 /// Asks each row for values by name and gives the outputs by name.
-fn each_point(
+pub(super) fn each_point(
     vector: &Vector,
     answer: &dyn Fn(&Given<'_>) -> Result<Named, Refusal>,
 ) -> Result<Vec<Vec<f64>>, Refusal> {
@@ -46,8 +47,8 @@ fn each_point(
 }
 
 /// Values of a point by name, those given and those answered.
-type Given<'a> = dyn Fn(&str) -> Result<f64, Refusal> + 'a;
-type Named = BTreeMap<String, f64>;
+pub(super) type Given<'a> = dyn Fn(&str) -> Result<f64, Refusal> + 'a;
+pub(super) type Named = BTreeMap<String, f64>;
 
 fn mecanum_points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
     // Kinematics knows no masses: any body will do.

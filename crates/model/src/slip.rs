@@ -1,0 +1,664 @@
+//! Level `slip`: wheels and body move each for themselves, joined by contact laws. `[eq:slip]`
+//!
+//! Velocity coordinates: the twist (V_x, V_y, ω) of the base and the rates of the steered wheels; the
+//! spin rate of each wheel is a state of its own. Casters that follow carry load and draw no force.
+//! Masses of casters count at their pivots. Base axes for forces, world frame for the pose.
+
+mod implicit;
+
+use crate::drive::Drive;
+use crate::dynamics::{Dynamics, Sizes};
+use crate::ground::Ground;
+use crate::planar::{Vec2, vec2};
+use crate::platform::{BODY_OUTPUTS, Layout, MAX_WHEELS, Platform, WheelOutput, YAW};
+use crate::rolling::axle::{Action, Axle};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::{MAX_DOF, Row, Square, invert, product, zero_row};
+use crate::support::Support;
+use crate::tire::Tire;
+use crate::wheel::{Steering, WheelFrame};
+
+pub use implicit::Implicit;
+
+/// Outputs of each wheel at this level, after those of the layout; [`SlipOutput`].
+pub const SLIP_OUTPUTS: usize = 6;
+
+/// The outputs of a wheel's contact, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum SlipOutput {
+    /// Slip velocity along the rolling direction (or roller axis), m/s.
+    Along,
+    /// Slip velocity along the axle, m/s.
+    Across,
+    /// Slip ratio −s_x/|r φ̇|, positive when driving.
+    Ratio,
+    /// Slip angle, rad: of the contact's way against the wheel plane, positive to the right.
+    Angle,
+    /// Force over what friction could give at this load.
+    Use,
+    /// Power that slip turns into heat, W.
+    Power,
+}
+
+/// Rolling speed below which slip ratios are taken against this, m/s.
+const SLOWEST: f64 = 1e-3;
+
+/// How normal loads follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loads {
+    /// From weight alone.
+    Static,
+    /// From weight and the forces that accelerate the robot.
+    Dynamic,
+}
+
+/// Why a platform has no slip level.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SlipError {
+    /// The axle of a trailer; its name.
+    Trailer(String),
+    /// More than five steered wheels.
+    SteeredCount(usize),
+}
+
+/// A platform whose wheels may slip, ready to be integrated.
+#[derive(Clone, Debug)]
+pub struct Slip<T: Scalar> {
+    platform: Platform<T>,
+    ground: Ground<T>,
+    tires: Vec<Tire<T>>,
+    axles: Vec<Axle<T>>,
+    support: Option<Support<T>>,
+    /// Loads without lifted wheels: Nᵢ = aᵢ + bᵢ · F.
+    loads: ([T; MAX_WHEELS], [Vec2<T>; MAX_WHEELS]),
+    mode: Loads,
+    mass: T,
+    /// Mass times center of mass, kg·m, and its height, m.
+    first: Vec2<T>,
+    height: T,
+    weight: T,
+    /// Mass matrix over the velocity coordinates, and its inverse.
+    inertia: Square<T>,
+    inverse: Square<T>,
+}
+
+/// The contacts at an instant or at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Contacts<T> {
+    /// Slip velocity of each, contact axes, m/s.
+    slip: [Vec2<T>; MAX_WHEELS],
+    /// Force per load, contact axes.
+    grip: [Vec2<T>; MAX_WHEELS],
+    /// Normal load, N.
+    load: [T; MAX_WHEELS],
+}
+
+impl<T: Scalar> Slip<T> {
+    /// Joins a platform, a contact law for each of its wheels (of casters unused), and a ground.
+    ///
+    /// # Errors
+    /// A trailer, or more than five steered wheels.
+    pub fn new(
+        platform: Platform<T>,
+        tires: Vec<Tire<T>>,
+        ground: Ground<T>,
+        mode: Loads,
+    ) -> Result<Self, SlipError> {
+        assert_eq!(platform.wheels().len(), tires.len(), "a law for each wheel");
+        if let Some(wheel) = platform.wheels().iter().find(|wheel| wheel.is_towed()) {
+            return Err(SlipError::Trailer(wheel.name.clone()));
+        }
+        let steered = platform.layout().steered.len();
+        if 3 + steered > MAX_DOF {
+            return Err(SlipError::SteeredCount(steered));
+        }
+        let platform = platform.released();
+        let layout = platform.layout();
+        let axle = |(i, wheel)| {
+            let slot = layout.motors.iter().position(|&m| m == i);
+            Axle::new(wheel, slot.map(|m| layout.current() + m))
+        };
+        let axles = platform.wheels().iter().enumerate().map(axle).collect();
+        let contacts: Vec<_> = platform
+            .wheels()
+            .iter()
+            .map(|wheel| (wheel.mount, wheel.stiffness))
+            .collect();
+        let support = Support::new(&contacts);
+
+        let body = platform.body();
+        let n = layout.dof();
+        let mut mass = body.mass;
+        let mut first = body.center_of_mass * body.mass;
+        let mut second = body.center_of_mass.dot(body.center_of_mass) * body.mass;
+        second += body.inertia_com;
+        let mut moment_up = body.com_height * body.mass;
+        let mut inertia = [zero_row::<T>(); MAX_DOF];
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            mass += wheel.mass;
+            first = first + wheel.mount * wheel.mass;
+            second += wheel.mount.dot(wheel.mount) * wheel.mass + wheel.inertia_vertical;
+            moment_up = wheel.mass.mul_add(wheel.radius, moment_up);
+            // Steered wheels turn with the base and against it.
+            let swivel = match wheel.steering {
+                Steering::Driven | Steering::Linked { .. } => {
+                    platform.swivel_row(i, &platform.wheels()[i].frame(T::one(), T::zero()))
+                }
+                _ => continue,
+            };
+            for a in 3..n {
+                let turned = wheel.inertia_vertical * swivel[a];
+                inertia[2][a] += turned;
+                inertia[a][2] += turned;
+                for b in 3..n {
+                    inertia[a][b] = turned.mul_add(swivel[b], inertia[a][b]);
+                }
+            }
+        }
+        inertia[0][0] = mass;
+        inertia[1][1] = mass;
+        inertia[2][2] = second;
+        (inertia[0][2], inertia[2][0]) = (-first.y, -first.y);
+        (inertia[1][2], inertia[2][1]) = (first.x, first.x);
+        for a in 3..n {
+            // A steered wheel without inertia of its own turns as if it had hardly any.
+            let own = inertia[a][a];
+            let least = second * T::from(1e-6);
+            inertia[a][a] = own.max(least);
+        }
+        let height = moment_up / mass;
+        let weight = mass * ground.gravity_normal;
+        let count = platform.wheels().len();
+        let none = [T::Mask::splat(false); MAX_WHEELS];
+        let loads = match &support {
+            Some(support) => support.affine(weight, first * (T::one() / mass), height, &none),
+            // Contacts that carry no plane share the weight.
+            None => {
+                let mut equal = [T::zero(); MAX_WHEELS];
+                equal[..count].fill(weight * T::from(1.0 / count as f64));
+                (equal, [Vec2::zero(); MAX_WHEELS])
+            }
+        };
+        Ok(Slip {
+            inverse: invert(n, &inertia),
+            inertia,
+            ground,
+            tires,
+            axles,
+            support,
+            loads,
+            mode,
+            mass,
+            first,
+            height,
+            weight,
+            platform,
+        })
+    }
+
+    /// The platform, its wheels released from rolling.
+    pub fn platform(&self) -> &Platform<T> {
+        &self.platform
+    }
+
+    /// The order of the states that it shares with other levels; see [`Self::rate`].
+    pub fn layout(&self) -> &Layout {
+        self.platform.layout()
+    }
+
+    /// The contacts that carry it, where three or more span a plane.
+    pub fn support(&self) -> Option<&Support<T>> {
+        self.support.as_ref()
+    }
+
+    /// The ground.
+    pub fn ground(&self) -> &Ground<T> {
+        &self.ground
+    }
+
+    /// The contact laws.
+    pub fn tires(&self) -> &[Tire<T>] {
+        &self.tires
+    }
+
+    /// Index of the spin rate of wheel i in the state.
+    #[inline(always)]
+    pub fn rate(&self, i: usize) -> usize {
+        self.layout().state() + i
+    }
+
+    /// Index of the deflection (two entries) of the contact of wheel i in the state.
+    #[inline(always)]
+    pub fn deflection(&self, i: usize) -> usize {
+        self.layout().state() + self.layout().wheels + 2 * i
+    }
+
+    /// Length of the state.
+    #[inline(always)]
+    pub fn state(&self) -> usize {
+        self.deflection(self.layout().wheels)
+    }
+
+    /// Index of an output of the contact of wheel i.
+    #[inline(always)]
+    pub fn slip_output(&self, i: usize, what: SlipOutput) -> usize {
+        self.layout().output() + SLIP_OUTPUTS * i + what as usize
+    }
+
+    /// A state of this level that rolls without slip: a state of the platform's layout at a twist, base
+    /// axes, with the spin rates that go with it and no deflection.
+    pub fn rolling_state(&self, x: &[T], velocity: Vec2<T>, yaw_rate: T) -> Vec<T> {
+        let layout = self.layout();
+        let mut state = vec![T::zero(); self.state()];
+        state[..layout.state()].copy_from_slice(&x[..layout.state()]);
+        let at = layout.velocity();
+        state[at] = velocity.x;
+        state[at + 1] = velocity.y;
+        state[at + 2] = yaw_rate;
+        for i in 0..layout.wheels {
+            let frame = self.platform.wheel_frame(i, &state);
+            state[self.rate(i)] = self.platform.spin_rate(i, &frame, velocity, yaw_rate);
+        }
+        state
+    }
+
+    /// Whether wheel i follows the base as a caster does, and draws no force.
+    #[inline(always)]
+    pub fn follows(&self, i: usize) -> bool {
+        matches!(self.platform.wheels()[i].steering, Steering::Free { .. })
+    }
+
+    /// Directions of the contact's axes, base frame, and the lever arm of the first, m: a rim with
+    /// rollers has no second.
+    #[inline(always)]
+    fn axes(&self, i: usize, frame: &WheelFrame<T>) -> ([Vec2<T>; 2], T) {
+        let row = self.platform.rolling_row(i, frame);
+        let across = if self.platform.wheels()[i].is_plain() {
+            frame.left
+        } else {
+            Vec2::zero()
+        };
+        ([row.direction, across], row.lever)
+    }
+
+    /// Rate of a follower's swivel, rad/s.
+    #[inline(always)]
+    fn swivel_rate(&self, i: usize, x: &[T], velocity: Vec2<T>, yaw_rate: T, v: &[T]) -> T {
+        let frame = self.platform.wheel_frame(i, x);
+        if self.follows(i) {
+            self.platform.caster_rate(i, &frame, velocity, yaw_rate)
+        } else {
+            let row = self.platform.swivel_row(i, &frame);
+            crate::solve::dot(self.layout().dof(), &row, v)
+        }
+    }
+
+    /// Normal loads for forces per load (base axes), and the force of all contacts together, N.
+    #[inline(always)]
+    fn carry(&self, x: &[T], pull: &[Vec2<T>; MAX_WHEELS]) -> ([T; MAX_WHEELS], Vec2<T>) {
+        let wheels = self.layout().wheels;
+        let gravity = self.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
+        let mut lifted = [T::Mask::splat(false); MAX_WHEELS];
+        let (mut still, mut shift) = (&self.loads.0, &self.loads.1);
+        let mut changed;
+        let mut tries = 0;
+        loop {
+            // F = Σ Nᵢ κᵢ with Nᵢ = aᵢ + bᵢ · F: two equations for F.
+            let mut force = gravity * -self.mass;
+            if self.mode == Loads::Dynamic {
+                let (mut free, mut one) =
+                    (Vec2::zero(), [[T::one(), T::zero()], [T::zero(), T::one()]]);
+                for i in 0..wheels {
+                    free = free + pull[i] * still[i];
+                    one[0][0] = (-pull[i].x).mul_add(shift[i].x, one[0][0]);
+                    one[0][1] = (-pull[i].x).mul_add(shift[i].y, one[0][1]);
+                    one[1][0] = (-pull[i].y).mul_add(shift[i].x, one[1][0]);
+                    one[1][1] = (-pull[i].y).mul_add(shift[i].y, one[1][1]);
+                }
+                let determinant = one[0][0] * one[1][1] - one[0][1] * one[1][0];
+                force = vec2(
+                    one[1][1] * free.x - one[0][1] * free.y,
+                    one[0][0] * free.y - one[1][0] * free.x,
+                ) * (T::one() / determinant);
+            }
+            let mut loads = [T::zero(); MAX_WHEELS];
+            let mut pulls = T::Mask::splat(false);
+            for i in 0..wheels {
+                let load = shift[i].dot(force) + still[i];
+                let hangs = load.less(T::zero());
+                pulls = pulls.or(hangs);
+                lifted[i] = lifted[i].or(hangs);
+                loads[i] = T::select(lifted[i], T::zero(), load);
+            }
+            tries += 1;
+            let support = match &self.support {
+                Some(support) if pulls.any() && tries < wheels => support,
+                _ => {
+                    let mut force = Vec2::zero();
+                    for i in 0..wheels {
+                        force = force + pull[i] * loads[i];
+                    }
+                    return (loads, force);
+                }
+            };
+            let center = self.first * (T::one() / self.mass);
+            changed = support.affine(self.weight, center, self.height, &lifted);
+            (still, shift) = (&changed.0, &changed.1);
+        }
+    }
+
+    /// The contacts at an instant.
+    #[inline(always)]
+    fn contacts(&self, x: &[T]) -> Contacts<T> {
+        let layout = self.layout();
+        let at = layout.velocity();
+        let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
+        let mut contacts = Contacts {
+            slip: [Vec2::zero(); MAX_WHEELS],
+            grip: [Vec2::zero(); MAX_WHEELS],
+            load: [T::zero(); MAX_WHEELS],
+        };
+        let mut pull = [Vec2::zero(); MAX_WHEELS];
+        for i in 0..layout.wheels {
+            if self.follows(i) {
+                continue;
+            }
+            let frame = self.platform.wheel_frame(i, x);
+            let ([along, across], lever) = self.axes(i, &frame);
+            let carried = velocity + frame.contact.perpendicular() * yaw_rate;
+            let rate = x[self.rate(i)];
+            let slip = vec2(along.dot(carried) - lever * rate, across.dot(carried));
+            let z = self.deflection(i);
+            let rolling = (lever * rate).abs();
+            let grip = self.tires[i].force(slip, vec2(x[z], x[z + 1]), rolling);
+            contacts.slip[i] = slip;
+            contacts.grip[i] = grip;
+            pull[i] = along * grip.x + across * grip.y;
+        }
+        contacts.load = self.carry(x, &pull).0;
+        contacts
+    }
+
+    /// What drive and friction do at the axle of wheel i.
+    #[inline(always)]
+    fn act(&self, i: usize, x: &[T], u: &[T], mode: &[T]) -> Action<T> {
+        let rate = x[self.rate(i)];
+        let current = match self.axles[i].current() {
+            Some(at) => x[at],
+            None => T::zero(),
+        };
+        let brake = u[self.layout().brake_input()];
+        self.axles[i].act(u[i], brake, mode[i], rate, current)
+    }
+
+    /// Generalised force on the velocity coordinates without the contacts': quadratic terms, gravity,
+    /// external wrench, steering motors.
+    #[inline(always)]
+    fn free_force(&self, cos: T, sin: T, u: &[T], v: &[T]) -> Row<T> {
+        let layout = self.layout();
+        let (velocity, yaw_rate) = (vec2(v[0], v[1]), v[2]);
+        let gravity = self.ground.gravity.rotated(cos, -sin);
+        let at = layout.wrench_input();
+        let mut force = zero_row();
+        // m (g − ω Ω V) + ω² m c, and its moment about P.
+        let felt = gravity - velocity.perpendicular() * yaw_rate;
+        let linear = felt * self.mass + self.first * (yaw_rate * yaw_rate) + vec2(u[at], u[at + 1]);
+        force[0] = linear.x;
+        force[1] = linear.y;
+        force[2] = self.first.cross(felt) + u[at + 2];
+        for k in 0..layout.steered.len() {
+            let pivot = self.platform.wheels()[layout.steered[k]].pivot_viscous;
+            force[3 + k] = u[layout.steering_input() + k] - pivot * v[3 + k];
+        }
+        force
+    }
+
+    /// Power that enters by drives of steering and the external wrench, and what pivots lose, W.
+    #[inline(always)]
+    fn outer_power(&self, u: &[T], v: &[T]) -> (T, T) {
+        let layout = self.layout();
+        let at = layout.wrench_input();
+        let mut supplied = u[at].mul_add(v[0], u[at + 1].mul_add(v[1], u[at + 2] * v[2]));
+        let mut lost = T::zero();
+        for k in 0..layout.steered.len() {
+            let pivot = self.platform.wheels()[layout.steered[k]].pivot_viscous;
+            supplied = u[layout.steering_input() + k].mul_add(v[3 + k], supplied);
+            lost = (pivot * v[3 + k]).mul_add(v[3 + k], lost);
+        }
+        (supplied, lost)
+    }
+
+    /// Rates of all that follows from the velocities: pose, angles of wheels.
+    #[inline(always)]
+    fn follow(&self, x: &[T], dx: &mut [T]) {
+        let layout = self.layout();
+        let at = layout.velocity();
+        let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
+        let travel = velocity.rotated(x[YAW + 1], x[YAW + 2]);
+        dx[0] = travel.x;
+        dx[1] = travel.y;
+        dx[YAW] = yaw_rate;
+        dx[YAW + 1] = -(x[YAW + 2] * yaw_rate);
+        dx[YAW + 2] = x[YAW + 1] * yaw_rate;
+        for i in 0..layout.wheels {
+            dx[layout.spin(i)] = self.spin(i, x, velocity, yaw_rate);
+        }
+        for (k, &i) in layout.swivels.iter().enumerate() {
+            let rate = self.swivel_rate(i, x, velocity, yaw_rate, &x[at..at + layout.dof()]);
+            let at = layout.swivel(k);
+            dx[at] = rate;
+            dx[at + 1] = -(x[at + 2] * rate);
+            dx[at + 2] = x[at + 1] * rate;
+        }
+    }
+
+    /// φ̇ of wheel i: its own, or as a caster rolls.
+    #[inline(always)]
+    fn spin(&self, i: usize, x: &[T], velocity: Vec2<T>, yaw_rate: T) -> T {
+        if self.follows(i) {
+            let frame = self.platform.wheel_frame(i, x);
+            self.platform.spin_rate(i, &frame, velocity, yaw_rate)
+        } else {
+            x[self.rate(i)]
+        }
+    }
+
+    /// Torque that would turn wheel i if dry friction did not hold it, N·m.
+    #[inline(always)]
+    fn pushed(&self, i: usize, x: &[T], u: &[T], contacts: &Contacts<T>) -> T {
+        let free = self.act(i, x, u, &[T::zero(); MAX_WHEELS]);
+        let frame = self.platform.wheel_frame(i, x);
+        let (_, lever) = self.axes(i, &frame);
+        free.torque - lever * contacts.grip[i].x * contacts.load[i]
+    }
+}
+
+#[inline(always)]
+fn is_zero<T: Scalar>(value: T) -> T::Mask {
+    value.abs().less_equal(T::zero())
+}
+
+impl<T: Scalar> Dynamics<T> for Slip<T> {
+    fn sizes(&self) -> Sizes {
+        let layout = self.layout();
+        Sizes {
+            state: self.state(),
+            input: layout.input(),
+            output: layout.output() + SLIP_OUTPUTS * layout.wheels,
+            mode: layout.wheels,
+            guards: layout.wheels,
+        }
+    }
+
+    fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
+        let layout = self.layout();
+        let n = layout.dof();
+        let at = layout.velocity();
+        let v = &x[at..at + n];
+        let contacts = self.contacts(x);
+        let mut force = self.free_force(x[YAW + 1], x[YAW + 2], u, v);
+        let (mut supplied, mut friction) = self.outer_power(u, v);
+        let (mut windings, mut gears) = (T::zero(), T::zero());
+        for i in 0..layout.wheels {
+            let z = self.deflection(i);
+            let rate = self.rate(i);
+            (dx[rate], dx[z], dx[z + 1]) = (T::zero(), T::zero(), T::zero());
+            if self.follows(i) {
+                continue;
+            }
+            let frame = self.platform.wheel_frame(i, x);
+            let ([along, across], lever) = self.axes(i, &frame);
+            let draw = contacts.grip[i] * contacts.load[i];
+            let pull = along * draw.x + across * draw.y;
+            force[0] += pull.x;
+            force[1] += pull.y;
+            force[2] += frame.contact.cross(pull);
+            let action = self.act(i, x, u, mode);
+            let net = action.torque - action.lost - lever * draw.x;
+            let inertia = self.platform.wheels()[i].spin_inertia;
+            dx[rate] = T::select(action.stuck, T::zero(), net / inertia);
+            let slip = contacts.slip[i];
+            let rolling = (lever * x[rate]).abs();
+            let moved = self.tires[i].rate(slip, vec2(x[z], x[z + 1]), rolling);
+            (dx[z], dx[z + 1]) = (moved.x, moved.y);
+            if let Some(at) = self.axles[i].current() {
+                dx[at] = action.current_rate;
+            }
+            supplied += action.supplied;
+            windings += action.windings;
+            gears += action.gears;
+            friction += action.rubbed - draw.dot(slip);
+        }
+        let v_rate = product(n, &self.inverse, &force);
+        dx[at..at + n].copy_from_slice(&v_rate[..n]);
+        self.follow(x, dx);
+        let ledger = layout.ledger();
+        dx[ledger..ledger + 4].copy_from_slice(&[supplied, windings, gears, friction]);
+    }
+
+    fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+        let layout = self.layout();
+        let n = layout.dof();
+        let at = layout.velocity();
+        let v = &x[at..at + n];
+        let (velocity, yaw_rate) = (vec2(v[0], v[1]), v[2]);
+        let contacts = self.contacts(x);
+        let half = T::from(0.5);
+        let mut kinetic = crate::solve::dot(n, &product(n, &self.inertia, v), v);
+        let mut magnetic = T::zero();
+        let mut force = Vec2::zero();
+        for i in 0..layout.wheels {
+            let wheel = &self.platform.wheels()[i];
+            let frame = self.platform.wheel_frame(i, x);
+            let ([along, across], lever) = self.axes(i, &frame);
+            let spin = self.spin(i, x, velocity, yaw_rate);
+            let draw = contacts.grip[i] * contacts.load[i];
+            force = force + along * draw.x + across * draw.y;
+            let mut action = Action::none();
+            if !self.follows(i) {
+                kinetic = (wheel.spin_inertia * spin).mul_add(spin, kinetic);
+                action = self.act(i, x, u, mode);
+            }
+            if let Drive::DcMotor(motor) = &wheel.drive {
+                magnetic += half * motor.inductance * action.current * action.current;
+            }
+            let swivel = if wheel.swivels() {
+                self.swivel_rate(i, x, velocity, yaw_rate, v)
+            } else {
+                T::zero()
+            };
+            let mut set = |what: WheelOutput, value: T| y[layout.wheel_output(i, what)] = value;
+            set(WheelOutput::SpinRate, spin);
+            set(WheelOutput::SteeringRate, swivel);
+            set(WheelOutput::Torque, action.torque);
+            set(WheelOutput::Current, action.current);
+            set(WheelOutput::Longitudinal, draw.x);
+            set(WheelOutput::Lateral, draw.y);
+            set(WheelOutput::Load, contacts.load[i]);
+            let slip = contacts.slip[i];
+            let rolling = (lever * spin).abs().max(T::from(SLOWEST));
+            let carried = velocity + frame.contact.perpendicular() * yaw_rate;
+            let most = self.tires[i].friction(slip) * contacts.load[i];
+            let bears = T::zero().less(most);
+            let used = draw.dot(draw).sqrt() / T::select(bears, most, T::one());
+            let ahead = frame.forward.dot(carried).abs().max(T::from(SLOWEST));
+            let mut set = |what: SlipOutput, value: T| y[self.slip_output(i, what)] = value;
+            set(SlipOutput::Along, slip.x);
+            set(SlipOutput::Across, slip.y);
+            set(SlipOutput::Ratio, -slip.x / rolling);
+            set(SlipOutput::Angle, (-slip.y).atan2(ahead));
+            set(SlipOutput::Use, T::select(bears, used, T::zero()));
+            set(SlipOutput::Power, -draw.dot(slip));
+        }
+        y[0] = velocity.x;
+        y[1] = velocity.y;
+        y[2] = yaw_rate;
+        y[3] = half * kinetic;
+        let center = vec2(x[0], x[1]) * self.mass + self.first.rotated(x[YAW + 1], x[YAW + 2]);
+        y[4] = -self.ground.gravity.dot(center);
+        y[5] = magnetic;
+        y[BODY_OUTPUTS - 1] = match &self.support {
+            Some(support) => {
+                let center = self.first * (T::one() / self.mass);
+                support.margin(center - force * (self.height / self.weight))
+            }
+            None => T::zero(),
+        };
+    }
+
+    /// What rests and is pushed harder than its friction holds turns; a wheel takes the sense in which
+    /// it turns.
+    fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
+        let contacts = self.contacts(x);
+        let brake = u[self.layout().brake_input()];
+        for i in 0..self.layout().wheels {
+            if !self.axles[i].rubs || self.follows(i) {
+                continue;
+            }
+            let rate = x[self.rate(i)];
+            let pushed = self.pushed(i, x, u, &contacts);
+            let bound = self.axles[i].bound(brake);
+            let rests = is_zero(rate);
+            let holds = rests.and(pushed.abs().less_equal(bound));
+            let sense = T::one().copysign(T::select(rests, pushed, rate));
+            mode[i] = T::select(holds, T::zero(), sense);
+        }
+    }
+
+    fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
+        self.platform.renew_angles(x);
+        let brake = u[self.layout().brake_input()];
+        for i in 0..self.layout().wheels {
+            if !self.axles[i].rubs || self.follows(i) {
+                continue;
+            }
+            let rate = x[self.rate(i)];
+            let bounded = T::zero().less(self.axles[i].bound(brake));
+            let turned = (rate * mode[i]).less_equal(T::zero()).and(bounded);
+            x[self.rate(i)] = T::select(turned, T::zero(), rate);
+            mode[i] = T::select(turned, T::zero(), T::one().copysign(rate));
+        }
+    }
+
+    fn straighten(&self, stage: &mut [T]) {
+        self.platform.straighten(stage);
+    }
+
+    fn guards(&self, x: &[T], u: &[T], mode: &[T], g: &mut [T]) {
+        let contacts = self.contacts(x);
+        let brake = u[self.layout().brake_input()];
+        for i in 0..self.layout().wheels {
+            let bound = self.axles[i].bound(brake);
+            let rubs = self.axles[i].rubs && !self.follows(i);
+            let slack = bound - self.pushed(i, x, u, &contacts).abs();
+            let turning = x[self.rate(i)] * mode[i];
+            let guard = T::select(is_zero(mode[i]), slack, turning);
+            g[i] = if rubs { guard } else { T::one() };
+        }
+    }
+
+    fn is_derived(&self, index: usize) -> bool {
+        self.platform.repeats_angle(index)
+    }
+}

@@ -1,0 +1,352 @@
+//! An implicit method for slipping wheels: stiff contacts set no limit to its step.
+
+use super::{Slip, is_zero};
+use crate::planar::{Vec2, vec2};
+use crate::platform::{LEDGER, MAX_WHEELS, YAW};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::{MAX_DOF, Row, Square, zero_row};
+
+/// The method of Alexander of order 2: two implicit steps of Euler, the second from where the first
+/// points to. L-stable and stiffly accurate: what is at rest stays there. `[eq:slip-step]`
+///
+/// R. Alexander, *Diagonally implicit Runge–Kutta methods for stiff O.D.E.'s*, SIAM Journal on Numerical
+/// Analysis 14(6), 1977.
+#[derive(Clone, Debug)]
+pub struct Implicit<T> {
+    begin: Vec<T>,
+    from: Vec<T>,
+}
+
+/// γ = 1 − 1/√2: the share of the step of each stage.
+const SHARE: f64 = 0.292_893_218_813_452_4;
+/// Most iterations of Newton's method; a dozen is much.
+const TRIES: usize = 60;
+/// After this many, steps are halved: two contacts that keep letting go of one another settle so.
+const EAGER: usize = 12;
+/// Change of a velocity at which the iteration ends, relative to 1 m/s or the speed at hand: some
+/// hundred times rounding.
+const CLOSE: f64 = 2e-14;
+
+/// A contact as one iteration sees it.
+#[derive(Clone, Copy)]
+struct Touch<T> {
+    /// Rows of slip velocity over the twist of the base.
+    rows: [[T; 3]; 2],
+    lever: T,
+    slip: Vec2<T>,
+    grip: Vec2<T>,
+    slope: [[T; 2]; 2],
+    pull: Vec2<T>,
+    end: Vec2<T>,
+}
+
+impl<T: Scalar> Implicit<T> {
+    /// Order of the method.
+    pub const ORDER: u32 = 2;
+
+    /// Makes room for a system.
+    pub fn new(system: &Slip<T>) -> Self {
+        Implicit {
+            begin: vec![T::zero(); system.state()],
+            from: vec![T::zero(); system.state()],
+        }
+    }
+
+    /// Advances x and mode by `count` steps of dt, s, under a held input.
+    pub fn steps(
+        &mut self,
+        system: &Slip<T>,
+        u: &[T],
+        dt: f64,
+        count: u64,
+        x: &mut [T],
+        mode: &mut [T],
+    ) {
+        let mut room = Room {
+            begin: &mut self.begin,
+            from: &mut self.from,
+        };
+        for _ in 0..count {
+            step(system, u, dt, x, mode, &mut room);
+        }
+    }
+}
+
+struct Room<'a, T> {
+    begin: &'a mut [T],
+    from: &'a mut [T],
+}
+
+fused! {
+    /// One step.
+    fn step<T: Scalar>(
+        system: &Slip<T>,
+        u: &[T],
+        dt: f64,
+        x: &mut [T],
+        mode: &mut [T],
+        room: &mut Room<'_, T>,
+    ) {
+        let stage = T::from(SHARE * dt);
+        room.begin.copy_from_slice(x);
+        room.from.copy_from_slice(x);
+        system.euler(u, stage, room.from, x, mode);
+        let ahead = T::from((1.0 - SHARE) / SHARE);
+        for k in 0..x.len() {
+            room.from[k] = ahead.mul_add(x[k] - room.begin[k], room.begin[k]);
+        }
+        system.euler(u, stage, room.from, x, mode);
+        system.platform.renew_angles(x);
+    }
+}
+
+impl<T: Scalar> Slip<T> {
+    /// The implicit step of Euler of length `step` from the state `from`; x holds a guess and then the
+    /// end. Newton's method on the velocities of base and wheels together: currents and deflections
+    /// follow from these, loads from the last iteration.
+    #[inline(always)]
+    fn euler(&self, u: &[T], step: T, from: &[T], x: &mut [T], mode: &mut [T]) {
+        let layout = self.layout();
+        let (n, at, wheels) = (layout.dof(), layout.velocity(), layout.wheels);
+        let per_step = T::one() / step;
+        let brake = u[layout.brake_input()];
+        for attempt in 0..TRIES {
+            self.turn(step, from, x);
+            let mut touches = [None; MAX_WHEELS];
+            let mut pulls = [Vec2::zero(); MAX_WHEELS];
+            for i in 0..wheels {
+                if !self.follows(i) {
+                    let touch = self.touch(i, step, from, x);
+                    pulls[i] = touch.pull;
+                    touches[i] = Some(touch);
+                }
+            }
+            let (loads, _) = self.carry(x, &pulls);
+            let mut v = zero_row();
+            v[..n].copy_from_slice(&x[at..at + n]);
+            let mut right = self.free_force(x[YAW + 1], x[YAW + 2], u, &v);
+            let mut matrix: Square<T> = [zero_row(); MAX_DOF];
+            for a in 0..n {
+                for b in 0..n {
+                    matrix[a][b] = self.inertia[a][b] * per_step;
+                    right[a] = (-matrix[a][b]).mul_add(v[b] - from[at + b], right[a]);
+                }
+            }
+            for k in 0..layout.steered.len() {
+                matrix[3 + k][3 + k] += self.platform.wheels()[layout.steered[k]].pivot_viscous;
+            }
+            // Each wheel's spin follows from the motion of the base: φ̇ += own + rows · dv.
+            let mut own = [T::zero(); MAX_WHEELS];
+            let mut spins = [[T::zero(); 3]; MAX_WHEELS];
+            for i in 0..wheels {
+                let Some(touch) = &touches[i] else { continue };
+                let load = loads[i];
+                let force = touch.grip * load;
+                let hard = touch.slope.map(|row| row.map(|entry| entry * load));
+                let lever = touch.lever;
+                let rate = x[self.rate(i)];
+                let wheel = &self.platform.wheels()[i];
+                let start = self.axles[i].current().map_or(T::zero(), |at| from[at]);
+                let drive = self.axles[i].at_end(u[i], rate, start, step);
+                let inertia = wheel.spin_inertia * per_step;
+                let (lost, rubbing) = self.axles[i].glide(brake, rate);
+                let stiff = inertia + drive.damping + rubbing;
+                // Falling friction may pull harder than the wheel resists; not to be followed.
+                let whole = (-(lever * lever * hard[0][0])).max(T::zero()) + stiff;
+                let mut rest =
+                    drive.torque - lost - lever * force.x - inertia * (rate - from[self.rate(i)]);
+                let bound = self.axles[i].held(brake);
+                let pushed = whole.mul_add(rate, rest);
+                let sticks = pushed.abs().less_equal(bound).and(T::zero().less(bound));
+                rest = rest - T::select(T::zero().less(bound), bound.copysign(pushed), T::zero());
+                mode[i] = T::select(sticks, T::zero(), T::one().copysign(pushed));
+                let gain = T::select(sticks, T::zero(), T::one() / whole);
+                own[i] = T::select(sticks, -rate, rest * gain);
+                for axis in 0..3 {
+                    let drawn =
+                        hard[0][0].mul_add(touch.rows[0][axis], hard[0][1] * touch.rows[1][axis]);
+                    spins[i][axis] = -(gain * lever * drawn);
+                }
+                // Force of the contact: f + K (rows dv − lever dφ̇).
+                for axis in 0..3 {
+                    let push =
+                        |f: [T; 2]| touch.rows[0][axis].mul_add(f[0], touch.rows[1][axis] * f[1]);
+                    let turned = lever * own[i];
+                    right[axis] +=
+                        push([force.x - hard[0][0] * turned, force.y - hard[1][0] * turned]);
+                    for b in 0..3 {
+                        let first = touch.rows[0][b] - lever * spins[i][b];
+                        let second = touch.rows[1][b];
+                        let change = [
+                            hard[0][0].mul_add(first, hard[0][1] * second),
+                            hard[1][0].mul_add(first, hard[1][1] * second),
+                        ];
+                        matrix[axis][b] += -push(change);
+                    }
+                }
+            }
+            let change = eliminate(n, matrix, right);
+            let scale = if attempt < EAGER {
+                T::one()
+            } else {
+                T::from(0.5)
+            };
+            let (mut most, mut speed) = (T::zero(), T::one());
+            for k in 0..n {
+                x[at + k] = scale.mul_add(change[k], x[at + k]);
+                most = most.max(change[k].abs());
+                speed = speed.max(x[at + k].abs());
+            }
+            for i in 0..wheels {
+                let Some(touch) = &touches[i] else { continue };
+                let mut turned = own[i];
+                for axis in 0..3 {
+                    turned = spins[i][axis].mul_add(change[axis], turned);
+                }
+                let rate = self.rate(i);
+                let stuck = is_zero(mode[i]).and(T::zero().less(self.axles[i].held(brake)));
+                let moved = scale.mul_add(turned, x[rate]);
+                x[rate] = T::select(stuck, T::zero(), moved);
+                let radius = touch.lever.abs();
+                most = most.max((radius * turned).abs());
+                speed = speed.max((radius * x[rate]).abs());
+            }
+            if most.less_equal(speed * T::from(CLOSE)).all() || !most.is_finite().all() {
+                break;
+            }
+        }
+        self.finish(u, step, from, x);
+    }
+
+    /// Angles that the contacts depend on, at the end of a step, from the velocities in x.
+    #[inline(always)]
+    fn turn(&self, step: T, from: &[T], x: &mut [T]) {
+        let layout = self.layout();
+        let at = layout.velocity();
+        x[YAW] = step.mul_add(x[at + 2], from[YAW]);
+        for k in 0..layout.swivels.len() {
+            if !self.follows(layout.swivels[k]) {
+                let rate = self.swivel_rate(
+                    layout.swivels[k],
+                    x,
+                    Vec2::zero(),
+                    T::zero(),
+                    &x[at..at + layout.dof()],
+                );
+                let angle = layout.swivel(k);
+                x[angle] = step.mul_add(rate, from[angle]);
+            }
+        }
+        self.platform.renew_angles(x);
+    }
+
+    #[inline(always)]
+    fn touch(&self, i: usize, step: T, from: &[T], x: &[T]) -> Touch<T> {
+        let at = self.layout().velocity();
+        let frame = self.platform.wheel_frame(i, x);
+        let ([along, across], lever) = self.axes(i, &frame);
+        let row = |d: Vec2<T>| [d.x, d.y, frame.contact.cross(d)];
+        let rows = [row(along), row(across)];
+        let carried =
+            |row: &[T; 3]| row[0].mul_add(x[at], row[1].mul_add(x[at + 1], row[2] * x[at + 2]));
+        let rate = x[self.rate(i)];
+        let slip = vec2(carried(&rows[0]) - lever * rate, carried(&rows[1]));
+        let z = self.deflection(i);
+        let rolling = (lever * rate).abs();
+        let answer = self.tires[i].respond(slip, vec2(from[z], from[z + 1]), rolling, step);
+        Touch {
+            rows,
+            lever,
+            slip,
+            grip: answer.force,
+            slope: answer.slope,
+            pull: along * answer.force.x + across * answer.force.y,
+            end: answer.deflection,
+        }
+    }
+
+    /// All that follows from the velocities at the end of a step.
+    #[inline(always)]
+    fn finish(&self, u: &[T], step: T, from: &[T], x: &mut [T]) {
+        let layout = self.layout();
+        let at = layout.velocity();
+        self.turn(step, from, x);
+        let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
+        // A caster has no part in the motion; its angle is found by repetition, each time some
+        // hundredfold closer.
+        for _ in 0..6 {
+            for (k, &i) in layout.swivels.iter().enumerate() {
+                if self.follows(i) {
+                    let v: Row<T> = zero_row();
+                    let rate = self.swivel_rate(i, x, velocity, yaw_rate, &v);
+                    let angle = layout.swivel(k);
+                    x[angle] = step.mul_add(rate, from[angle]);
+                    crate::platform::renew_angle(x, angle);
+                }
+            }
+        }
+        let travel = velocity.rotated(x[YAW + 1], x[YAW + 2]);
+        x[0] = step.mul_add(travel.x, from[0]);
+        x[1] = step.mul_add(travel.y, from[1]);
+        let mut touches = [None; MAX_WHEELS];
+        let mut pulls = [Vec2::zero(); MAX_WHEELS];
+        for i in 0..layout.wheels {
+            let spin = layout.spin(i);
+            x[spin] = step.mul_add(self.spin(i, x, velocity, yaw_rate), from[spin]);
+            if !self.follows(i) {
+                let touch = self.touch(i, step, from, x);
+                pulls[i] = touch.pull;
+                touches[i] = Some(touch);
+            }
+        }
+        let (loads, _) = self.carry(x, &pulls);
+        let brake = u[layout.brake_input()];
+        let (mut supplied, mut friction) = self.outer_power(u, &x[at..at + layout.dof()]);
+        let (mut windings, mut gears) = (T::zero(), T::zero());
+        for i in 0..layout.wheels {
+            let Some(touch) = &touches[i] else { continue };
+            let rate = x[self.rate(i)];
+            let z = self.deflection(i);
+            (x[z], x[z + 1]) = (touch.end.x, touch.end.y);
+            let start = self.axles[i].current().map_or(T::zero(), |at| from[at]);
+            let drive = self.axles[i].at_end(u[i], rate, start, step);
+            if let Some(at) = self.axles[i].current() {
+                x[at] = drive.current;
+            }
+            let (lost, _) = self.axles[i].glide(brake, rate);
+            let rubbed = self.axles[i].held(brake).mul_add(rate.abs(), lost * rate);
+            supplied += drive.supplied;
+            windings += drive.windings;
+            gears += drive.gears;
+            friction += rubbed - (touch.grip * loads[i]).dot(touch.slip);
+        }
+        let ledger = layout.ledger();
+        let powers: [T; LEDGER] = [supplied, windings, gears, friction];
+        for (k, power) in powers.into_iter().enumerate() {
+            x[ledger + k] = step.mul_add(power, from[ledger + k]);
+        }
+    }
+}
+
+/// Solves a system whose diagonal the masses carry, by Gauss without pivoting.
+#[inline(always)]
+fn eliminate<T: Scalar>(n: usize, mut a: Square<T>, mut b: Row<T>) -> Row<T> {
+    for k in 0..n {
+        let pivot = T::one() / a[k][k];
+        for i in k + 1..n {
+            let factor = a[i][k] * pivot;
+            for j in k + 1..n {
+                a[i][j] = (-factor).mul_add(a[k][j], a[i][j]);
+            }
+            b[i] = (-factor).mul_add(b[k], b[i]);
+        }
+    }
+    for k in (0..n).rev() {
+        let mut sum = b[k];
+        for j in k + 1..n {
+            sum = (-a[k][j]).mul_add(b[j], sum);
+        }
+        b[k] = sum / a[k][k];
+    }
+    b
+}
