@@ -70,7 +70,7 @@ pub enum Command {
 /// Changes to a scenario.
 #[derive(Args, Clone, Default)]
 pub struct Changes {
-    /// Level of model of every robot: kinematic or rolling.
+    /// Level of model of every robot: kinematic, rolling or slip.
     #[arg(long)]
     pub level: Option<String>,
     /// Drives of every robot at level rolling: as-built, torque or dc-motor.

@@ -78,6 +78,8 @@ pub struct Slip<T: Scalar> {
     first: Vec2<T>,
     height: T,
     weight: T,
+    /// Spin inertia of each wheel, kg·m².
+    spin_inertia: [T; MAX_WHEELS],
     /// Mass matrix over the velocity coordinates, and its inverse.
     inertia: Square<T>,
     inverse: Square<T>,
@@ -167,6 +169,12 @@ impl<T: Scalar> Slip<T> {
             let least = second * T::from(1e-6);
             inertia[a][a] = own.max(least);
         }
+        // So does a wheel without spin inertia.
+        let mut spin_inertia = [T::zero(); MAX_WHEELS];
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let least = mass * wheel.radius * wheel.radius * T::from(1e-6);
+            spin_inertia[i] = wheel.spin_inertia.max(least);
+        }
         let height = moment_up / mass;
         let weight = mass * ground.gravity_normal;
         let count = platform.wheels().len();
@@ -183,6 +191,7 @@ impl<T: Scalar> Slip<T> {
         Ok(Slip {
             inverse: invert(n, &inertia),
             inertia,
+            spin_inertia,
             ground,
             tires,
             axles,
@@ -516,8 +525,7 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
             force[2] += frame.contact.cross(pull);
             let action = self.act(i, x, u, mode);
             let net = action.torque - action.lost - lever * draw.x;
-            let inertia = self.platform.wheels()[i].spin_inertia;
-            dx[rate] = T::select(action.stuck, T::zero(), net / inertia);
+            dx[rate] = T::select(action.stuck, T::zero(), net / self.spin_inertia[i]);
             let slip = contacts.slip[i];
             let rolling = (lever * x[rate]).abs();
             let moved = self.tires[i].rate(slip, vec2(x[z], x[z + 1]), rolling);
@@ -557,7 +565,7 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
             force = force + along * draw.x + across * draw.y;
             let mut action = Action::none();
             if !self.follows(i) {
-                kinetic = (wheel.spin_inertia * spin).mul_add(spin, kinetic);
+                kinetic = (self.spin_inertia[i] * spin).mul_add(spin, kinetic);
                 action = self.act(i, x, u, mode);
             }
             if let Drive::DcMotor(motor) = &wheel.drive {

@@ -306,6 +306,15 @@ impl<T: Scalar> Tire<T> {
         }
     }
 
+    /// The same law on a ground of this friction coefficient, in place of its own in sliding.
+    pub fn on_friction(&self, coefficient: T) -> Self {
+        let own = match self {
+            Tire::Coulomb { friction, .. } | Tire::Lugre { friction, .. } => friction.kinetic,
+            Tire::Slip { curve, .. } => curve.friction(),
+        };
+        self.on(coefficient / own)
+    }
+
     /// The same law on a ground with another grip: `grip` times the friction.
     #[inline(always)]
     pub fn on(&self, grip: T) -> Self {

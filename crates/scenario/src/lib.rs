@@ -21,7 +21,7 @@ pub use control::{
 };
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};
-pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Trailer, Wheel};
+pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Tire, Trailer, Wheel};
 pub use task::{Direction, Piece, Route, Side, Task};
 
 /// Version of the scenario format that this program reads.
@@ -179,7 +179,8 @@ pub enum Terrain {
         /// Gravity, m/s².
         #[serde(default = "defaults::gravity")]
         gravity: f64,
-        /// Coefficient of friction between wheels and ground, to judge the contact forces by.
+        /// Coefficient of friction between wheels and ground: at level `slip` in place of the tires'
+        /// own, at level `rolling` to judge the contact forces by.
         #[serde(default)]
         friction: Option<f64>,
     },
@@ -193,7 +194,8 @@ pub enum Terrain {
         /// Gravity, m/s².
         #[serde(default = "defaults::gravity")]
         gravity: f64,
-        /// Coefficient of friction between wheels and ground, to judge the contact forces by.
+        /// Coefficient of friction between wheels and ground: at level `slip` in place of the tires'
+        /// own, at level `rolling` to judge the contact forces by.
         #[serde(default)]
         friction: Option<f64>,
     },
@@ -216,9 +218,11 @@ pub enum Level {
     Kinematic,
     /// Masses, inertias and forces under ideal rolling.
     Rolling,
+    /// Wheels that may slip: each draws its forces by its tire.
+    Slip,
 }
 
-/// Which drives move the robot at level `rolling`.
+/// Which drives move the robot at levels `rolling` and `slip`.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriveChoice {
@@ -516,6 +520,33 @@ mod defaults {
     }
     pub fn width() -> f64 {
         0.03
+    }
+    pub fn friction() -> f64 {
+        0.8
+    }
+    pub fn slip_stiffness() -> f64 {
+        15.0
+    }
+    pub fn relaxation() -> f64 {
+        0.02
+    }
+    pub fn damping() -> f64 {
+        0.01
+    }
+    pub fn rounding() -> f64 {
+        0.01
+    }
+    pub fn stribeck() -> f64 {
+        0.1
+    }
+    pub fn bristle_stiffness() -> f64 {
+        1000.0
+    }
+    pub fn bristle_damping() -> f64 {
+        5.0
+    }
+    pub fn shape() -> f64 {
+        1.4
     }
     pub fn one() -> f64 {
         1.0

@@ -124,6 +124,114 @@ pub struct Wheel {
     /// What drives the axle; nothing if left out.
     #[serde(default)]
     pub drive: Drive,
+    /// How it grips the ground at level `slip`.
+    #[serde(default)]
+    pub tire: Tire,
+}
+
+/// A contact law: force over normal load for a slip of the contact patch. Slip stiffness is force over
+/// normal load per unit of normalised slip (a slip angle in radians, a slip ratio).
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(tag = "law", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Tire {
+    /// Coulomb friction rounded off about zero slip. It creeps on a slope.
+    Coulomb {
+        /// Friction coefficient in sliding.
+        #[serde(default = "defaults::friction")]
+        friction: f64,
+        /// Friction coefficient at the onset of sliding; that of sliding if left out.
+        #[serde(default)]
+        breakaway: Option<f64>,
+        /// Slip velocity over which the one becomes the other, m/s.
+        #[serde(default = "defaults::stribeck")]
+        stribeck: f64,
+        /// Slip velocity over which friction is rounded off, m/s.
+        #[serde(default = "defaults::rounding")]
+        rounding: f64,
+    },
+    /// The LuGre law: bristles that hold at rest.
+    Lugre {
+        /// Friction coefficient in sliding.
+        #[serde(default = "defaults::friction")]
+        friction: f64,
+        /// Friction coefficient at the onset of sliding; that of sliding if left out.
+        #[serde(default)]
+        breakaway: Option<f64>,
+        /// Slip velocity over which the one becomes the other, m/s.
+        #[serde(default = "defaults::stribeck")]
+        stribeck: f64,
+        /// Stiffness of the bristles over normal load, 1/m.
+        #[serde(default = "defaults::bristle_stiffness")]
+        stiffness: f64,
+        /// Damping of the bristles over normal load, s/m.
+        #[serde(default = "defaults::bristle_damping")]
+        damping: f64,
+        /// Viscous friction over normal load, s/m.
+        #[serde(default)]
+        viscous: f64,
+    },
+    /// The brush law behind a relaxation length.
+    Brush {
+        /// Friction coefficient.
+        #[serde(default = "defaults::friction")]
+        friction: f64,
+        /// Slip stiffness over normal load.
+        #[serde(default = "defaults::slip_stiffness")]
+        stiffness: f64,
+        /// Way over which the force builds up, m.
+        #[serde(default = "defaults::relaxation")]
+        relaxation: f64,
+        /// Time by which the deflection's rate adds to it, s: damping at rest.
+        #[serde(default = "defaults::damping")]
+        damping: f64,
+    },
+    /// Pacejka's magic formula behind a relaxation length.
+    MagicFormula {
+        /// Friction coefficient at the peak (D).
+        #[serde(default = "defaults::friction")]
+        friction: f64,
+        /// Slip stiffness over normal load (B C D).
+        #[serde(default = "defaults::slip_stiffness")]
+        stiffness: f64,
+        /// Shape factor (C), in [1, 2].
+        #[serde(default = "defaults::shape")]
+        shape: f64,
+        /// Curvature factor (E), at most 1.
+        #[serde(default)]
+        curvature: f64,
+        /// Way over which the force builds up, m.
+        #[serde(default = "defaults::relaxation")]
+        relaxation: f64,
+        /// Time by which the deflection's rate adds to it, s: damping at rest.
+        #[serde(default = "defaults::damping")]
+        damping: f64,
+    },
+    /// Force in proportion to slip up to the limit of friction, behind a relaxation length.
+    Linear {
+        /// Friction coefficient.
+        #[serde(default = "defaults::friction")]
+        friction: f64,
+        /// Slip stiffness over normal load (cornering stiffness).
+        #[serde(default = "defaults::slip_stiffness")]
+        stiffness: f64,
+        /// Way over which the force builds up, m.
+        #[serde(default = "defaults::relaxation")]
+        relaxation: f64,
+        /// Time by which the deflection's rate adds to it, s: damping at rest.
+        #[serde(default = "defaults::damping")]
+        damping: f64,
+    },
+}
+
+impl Default for Tire {
+    fn default() -> Self {
+        Tire::Brush {
+            friction: defaults::friction(),
+            stiffness: defaults::slip_stiffness(),
+            relaxation: defaults::relaxation(),
+            damping: defaults::damping(),
+        }
+    }
 }
 
 /// How the wheel plane turns.

@@ -10,6 +10,7 @@ use appell_model::planar::vec2;
 use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
+use appell_model::tire::{Curve, Friction, Tire};
 use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
 
@@ -32,8 +33,10 @@ pub enum DriveModel {
 pub fn drive_model(robot: &Robot) -> DriveModel {
     match (robot.level, robot.drive) {
         (Level::Kinematic, _) => DriveModel::Rate,
-        (Level::Rolling, DriveChoice::Torque) => DriveModel::Torque,
-        (Level::Rolling, DriveChoice::AsBuilt | DriveChoice::DcMotor) => DriveModel::AsBuilt,
+        (Level::Rolling | Level::Slip, DriveChoice::Torque) => DriveModel::Torque,
+        (Level::Rolling | Level::Slip, DriveChoice::AsBuilt | DriveChoice::DcMotor) => {
+            DriveModel::AsBuilt
+        }
     }
 }
 
@@ -107,6 +110,116 @@ pub fn ground_of<T: Scalar>(terrain: &Terrain, values: &Values<'_, T>) -> Ground
 fn radians<T: Scalar>(degrees: T) -> T {
     // As `f64::to_radians`, to the last bit.
     degrees * T::from(std::f64::consts::PI / 180.0)
+}
+
+/// The contact law of each wheel of a file, on a ground with a friction coefficient of its own or the
+/// tires'. The numbers of the wheels stand under `path` in the scenario.
+pub fn tires<T: Scalar>(
+    file: &scenario::Platform,
+    terrain: &Terrain,
+    path: &str,
+    values: &Values<'_, T>,
+) -> Vec<Tire<T>> {
+    let ground = match terrain {
+        Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => *friction,
+    };
+    let ground = ground.map(|friction| values.at(format_args!("terrain.friction"), friction));
+    let own = file.wheel.iter().map(|wheel| {
+        let at = |key: &str, value: f64| {
+            values.at(
+                format_args!("{path}.wheel.{}.tire.{key}", wheel.name),
+                value,
+            )
+        };
+        tire(&wheel.tire, &at)
+    });
+    let trailer = file
+        .trailer
+        .iter()
+        .map(|_| tire(&scenario::Tire::default(), &|_, v| T::from(v)));
+    own.chain(trailer)
+        .map(|tire| ground.map_or(tire, |friction| tire.on_friction(friction)))
+        .collect()
+}
+
+fn tire<T: Scalar>(file: &scenario::Tire, at: At<'_, T>) -> Tire<T> {
+    let rubbing = |friction: f64, breakaway: Option<f64>, stribeck: f64| {
+        let kinetic = at("friction", friction);
+        Friction {
+            kinetic,
+            breakaway: breakaway.map_or(kinetic, |value| at("breakaway", value)),
+            stribeck: at("stribeck", stribeck),
+        }
+    };
+    let slip = |curve, relaxation: f64, damping: f64| Tire::Slip {
+        curve,
+        relaxation: at("relaxation", relaxation),
+        damping: at("damping", damping),
+    };
+    match *file {
+        scenario::Tire::Coulomb {
+            friction,
+            breakaway,
+            stribeck,
+            rounding,
+        } => Tire::Coulomb {
+            friction: rubbing(friction, breakaway, stribeck),
+            rounding: at("rounding", rounding),
+        },
+        scenario::Tire::Lugre {
+            friction,
+            breakaway,
+            stribeck,
+            stiffness,
+            damping,
+            viscous,
+        } => Tire::Lugre {
+            friction: rubbing(friction, breakaway, stribeck),
+            stiffness: at("stiffness", stiffness),
+            damping: at("damping", damping),
+            viscous: at("viscous", viscous),
+        },
+        scenario::Tire::Brush {
+            friction,
+            stiffness,
+            relaxation,
+            damping,
+        } => {
+            let curve = Curve::Brush {
+                friction: at("friction", friction),
+                stiffness: at("stiffness", stiffness),
+            };
+            slip(curve, relaxation, damping)
+        }
+        scenario::Tire::MagicFormula {
+            friction,
+            stiffness,
+            shape,
+            curvature,
+            relaxation,
+            damping,
+        } => {
+            let curve = Curve::Magic {
+                friction: at("friction", friction),
+                stiffness: at("stiffness", stiffness),
+                shape: at("shape", shape),
+                curvature: at("curvature", curvature),
+            };
+            slip(curve, relaxation, damping)
+        }
+        scenario::Tire::Linear {
+            friction,
+            stiffness,
+            relaxation,
+            damping,
+        } => {
+            let curve = Curve::Linear {
+                friction: at("friction", friction),
+                stiffness: at("stiffness", stiffness),
+            };
+            slip(curve, relaxation, damping)
+        }
+    }
 }
 
 /// The platform of a file, with rolling resistance turned into torques by the static loads under a

@@ -181,17 +181,24 @@ impl<T: Scalar> Deciding<'_, '_, T> {
                 drive: model.drive.unwrap_or(robot.drive),
                 ..robot.clone()
             };
-            let platform = build::platform_of(
-                self.file,
-                build::drive_model(&own),
-                ground.gravity_normal,
-                &format!("robot.{}.platform", robot.name),
-                self.values,
-            )
-            .expect("a checked platform can be built");
+            let path = format!("robot.{}.platform", robot.name);
+            let drives = build::drive_model(&own);
+            let weighs = ground.gravity_normal;
+            let platform = build::platform_of(self.file, drives, weighs, &path, self.values)
+                .expect("a checked platform can be built");
+            let terrain = &self.loaded.scenario.terrain;
+            let tires = build::tires(self.file, terrain, &path, self.values);
             let (name, level) = (&robot.name, own.level);
-            let plant = Plant::new(name, platform.clone(), ground, level, numerics, start)
-                .map_err(|error| refuse_plant(self.loaded, &base, error))?;
+            let plant = Plant::new(
+                name,
+                platform.clone(),
+                tires,
+                ground,
+                level,
+                numerics,
+                start,
+            )
+            .map_err(|error| refuse_plant(self.loaded, &base, error))?;
             Ok(Standing {
                 plant: Box::new(plant),
                 own: Some((own, platform)),

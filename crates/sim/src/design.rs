@@ -40,7 +40,7 @@ pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
     first[0] = 1.0;
     let (_, turn) = platform.twist(&first);
     (platform.layout().eta == 1 && turn.abs() < 1e-9).then_some(
-        "the axles of its fixed wheels have no common center: ideal rolling goes straight; wheels that slip would turn it",
+        "the axles of its fixed wheels have no common center: ideal rolling goes straight; level \"slip\" turns it",
     )
 }
 

@@ -1,5 +1,7 @@
 //! The plant: a platform at a level of model, with an integrator, as a [`Block`].
 
+mod sliding;
+
 use std::any::Any;
 
 use appell_model::dynamics::{Dynamics, Held};
@@ -14,12 +16,16 @@ use appell_model::planar::vec2;
 use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
+use appell_model::slip::{SLIP_OUTPUTS, SlipError};
+use appell_model::tire::Tire;
 
 use crate::block::{
     Block, BlockError, Detail, Now, Port, Recovery, finite_lanes, restore_numbers, save_numbers,
 };
 use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
+
+use sliding::{Sliding, sliding};
 
 /// A platform that moves.
 pub struct Plant<T: Scalar = f64> {
@@ -47,6 +53,7 @@ pub struct Plant<T: Scalar = f64> {
 enum System<T: Scalar> {
     Kinematic(Box<Kinematic<T>>),
     Rolling(Box<Rolling<T>>),
+    Slip(Box<dyn Sliding<T>>),
 }
 
 /// A way to integrate.
@@ -54,6 +61,8 @@ enum Method<T: Scalar> {
     RungeKutta4(RungeKutta4<T>),
     Exponential(Box<Exponential<T>>),
     Adaptive(Box<Adaptive<T>>),
+    /// The level's own.
+    Own,
 }
 
 /// Why a plant cannot be built; problem and hint.
@@ -90,10 +99,11 @@ pub struct Start<'a, T> {
 }
 
 impl<T: Scalar> Plant<T> {
-    /// Joins a platform to a ground, a level and an integrator.
+    /// Joins a platform with the contact laws of its wheels to a ground, a level and an integrator.
     pub fn new(
         name: &str,
         platform: Platform<T>,
+        tires: Vec<Tire<T>>,
         ground: Ground<T>,
         level: Level,
         numerics: Numerics,
@@ -102,14 +112,15 @@ impl<T: Scalar> Plant<T> {
         let layout = platform.layout().clone();
         let angles: Vec<T> = start.angles.iter().map(|&angle| T::from(angle)).collect();
         let mut x = crate::build::rest_state(&platform, start.pose, &angles);
-        let v = platform.velocity_from_twist(vec2(start.twist[0], T::zero()), start.twist[1], &[]);
+        let forward = vec2(start.twist[0], T::zero());
+        let v = platform.velocity_from_twist(forward, start.twist[1], &[]);
         if level == Level::Rolling {
             let at = layout.velocity();
             x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
         }
         let u = vec![T::zero(); layout.input()];
         // Wheels with friction start as their rates say: at rest they stick until pushed.
-        let mode = senses(&wheel_rates(&platform, &x, &v));
+        let mut mode = senses(&wheel_rates(&platform, &x, &v));
         let driven: Vec<usize> = (0..layout.wheels)
             .filter(|&i| command_signal(&platform.wheels()[i].drive).is_some())
             .collect();
@@ -136,7 +147,8 @@ impl<T: Scalar> Plant<T> {
                     hint: "use level \"rolling\", or drive more wheels".into(),
                 })?))
             }
-            Level::Rolling => {
+            // Lanes have no level `slip`; what they get instead fits none of it.
+            level if level == Level::Rolling || const { T::LANES > 1 } => {
                 let system = Rolling::new(platform, ground);
                 if system.support().is_some() {
                     outputs.push(Port {
@@ -146,9 +158,32 @@ impl<T: Scalar> Plant<T> {
                 }
                 System::Rolling(Box::new(system))
             }
+            _ => {
+                if const { T::LANES > 1 } {
+                    unreachable!("taken above");
+                }
+                let system = sliding(platform, tires, ground).map_err(|error| PlantError {
+                    field: "level",
+                    problem: match error {
+                        SlipError::Trailer(_) => {
+                            "must be another with a trailer: level \"slip\" knows none".into()
+                        }
+                        SlipError::SteeredCount(count) => {
+                            format!("must be another with {count} steered wheels: level \"slip\" knows five")
+                        }
+                    },
+                    hint: "use level \"rolling\"".into(),
+                })?;
+                let at_rest = crate::build::rest_state(system.platform(), start.pose, &angles);
+                x = system.state(&at_rest, forward, start.twist[1]);
+                let rates: Vec<T> = (0..layout.wheels).map(|i| x[system.rate(i)]).collect();
+                mode = senses(&rates);
+                contact_ports(&prefix, system.as_ref(), &mut outputs);
+                System::Slip(system)
+            }
         };
         let method = method(&system, nominal, numerics, start.angles)?;
-        let y = vec![T::zero(); layout.output()];
+        let y = vec![T::zero(); system.outputs()];
         let mut plant = Plant {
             name: prefix,
             system,
@@ -179,14 +214,21 @@ impl<T: Scalar> Plant<T> {
         self.system.platform().layout()
     }
 
+    /// The outputs of the model into y.
+    #[inline(always)]
+    fn look(&mut self, motion_only: bool) {
+        let (x, u, mode, y) = (&self.x, &self.u, &self.mode, &mut self.y);
+        match &self.system {
+            System::Rolling(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
+            System::Kinematic(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
+            System::Slip(s) => s.observe(x, u, mode, y),
+        }
+    }
+
     /// Kinetic, potential and magnetic energy together, J.
     fn energy(&mut self) -> T {
-        let y = &mut self.y;
-        match &self.system {
-            System::Kinematic(s) => observe(s.as_ref(), false, &self.x, &self.u, &self.mode, y),
-            System::Rolling(s) => observe(s.as_ref(), false, &self.x, &self.u, &self.mode, y),
-        }
-        y[3] + y[4] + y[5]
+        self.look(false);
+        self.y[3] + self.y[4] + self.y[5]
     }
 
     /// The integrator that was chosen, in words.
@@ -197,6 +239,7 @@ impl<T: Scalar> Plant<T> {
             Method::Adaptive(adaptive) => {
                 format!("Tsitouras 5(4), tolerance {:e}", adaptive.relative)
             }
+            Method::Own => "implicit of order 2".into(),
         }
     }
 }
@@ -254,6 +297,7 @@ fn fastest<T: Scalar>(system: &System<T>, nominal: Platform<f64>, angles: &[f64]
             let system = Rolling::new(nominal, ground);
             radius(&|x| spectral_radius(&system, x, &u, &turning))
         }
+        System::Slip(_) => 0.0,
     }
 }
 
@@ -268,6 +312,16 @@ fn method<T: Scalar>(
         step,
         tolerance,
     } = numerics;
+    if let System::Slip(_) = system {
+        return match integrator {
+            Integrator::Auto => Ok(Method::Own),
+            _ => Err(PlantError {
+                field: "time.integrator",
+                problem: "must be \"auto\" at level \"slip\"".into(),
+                hint: "its contacts are stiff: it has one method, which is implicit".into(),
+            }),
+        };
+    }
     let layout = nominal.layout().clone();
     let rk4 = Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
     let exponential = || system.exponential(step);
@@ -279,6 +333,7 @@ fn method<T: Scalar>(
         let mut adaptive = match system {
             System::Kinematic(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
             System::Rolling(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
+            System::Slip(_) => unreachable!("it has a method of its own"),
         };
         adaptive.step_max = step.max(0.01);
         Method::Adaptive(Box::new(adaptive))
@@ -321,6 +376,29 @@ impl<T: Scalar> System<T> {
         match self {
             System::Kinematic(system) => system.platform(),
             System::Rolling(system) => system.platform(),
+            System::Slip(system) => system.platform(),
+        }
+    }
+
+    /// Length of the output.
+    fn outputs(&self) -> usize {
+        match self {
+            System::Slip(system) => system.outputs().0,
+            _ => self.platform().layout().output(),
+        }
+    }
+
+    /// Whether there are forces, and with them energy.
+    fn has_forces(&self) -> bool {
+        !matches!(self, System::Kinematic(_))
+    }
+
+    /// Whether contacts carry a plane, over whose edges the robot could tip.
+    fn tips(&self) -> bool {
+        match self {
+            System::Kinematic(_) => false,
+            System::Rolling(system) => system.support().is_some(),
+            System::Slip(system) => system.tips(),
         }
     }
 
@@ -329,6 +407,7 @@ impl<T: Scalar> System<T> {
         let made = match self {
             System::Kinematic(s) => Exponential::new(s.as_ref(), step),
             System::Rolling(s) => Exponential::new(s.as_ref(), step),
+            System::Slip(_) => None,
         };
         made.map(|method| Method::Exponential(Box::new(method)))
     }
@@ -351,7 +430,28 @@ pub fn command_signal<T>(
 pub fn steering_signal(level: Level) -> (&'static str, &'static str) {
     match level {
         Level::Kinematic => ("steering_rate_command", "rad/s"),
-        Level::Rolling => ("steering_torque_command", "N·m"),
+        Level::Rolling | Level::Slip => ("steering_torque_command", "N·m"),
+    }
+}
+
+/// What is known of the contacts at level `slip`.
+fn contact_ports<T: Scalar>(prefix: &str, system: &dyn Sliding<T>, outputs: &mut Vec<Port>) {
+    if system.tips() {
+        outputs.push(Port {
+            path: format!("{prefix}.tip_margin"),
+            unit: "m".into(),
+        });
+    }
+    for (i, wheel) in system.platform().wheels().iter().enumerate() {
+        if system.follows(i) {
+            continue;
+        }
+        for (field, unit) in sliding::SIGNALS {
+            outputs.push(Port {
+                path: format!("{prefix}.wheel.{}.{field}", wheel.name),
+                unit: unit.into(),
+            });
+        }
     }
 }
 
@@ -391,7 +491,7 @@ fn ports<T: Scalar>(prefix: &str, platform: &Platform<T>, level: Level) -> (Vec<
             add("steering_rate", "rad/s");
         }
     }
-    if level == Level::Rolling {
+    if level != Level::Kinematic {
         for wheel in platform.wheels() {
             let mut add = |field: &str, unit| {
                 outputs.push(signal(format!("wheel.{}.{field}", wheel.name), unit))
@@ -438,7 +538,9 @@ impl<T: Scalar> Block<T> for Plant<T> {
         // Always in steps of the physics, however far the way is: the bits do not depend on it.
         let step = self.step;
         let count = (now.dt / step).round() as u64;
-        match (&self.system, &mut self.method) {
+        match (&mut self.system, &mut self.method) {
+            (System::Slip(s), _) => s.steps(&self.u, step, count, x, mode),
+            (_, Method::Own) => unreachable!("of level slip alone"),
             (System::Kinematic(s), Method::RungeKutta4(m)) => {
                 m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
             }
@@ -495,17 +597,30 @@ impl<T: Scalar> Block<T> for Plant<T> {
         for i in 0..layout.wheels {
             x[layout.spin(i)] = of_wheel(i, "spin_angle");
         }
-        if let System::Rolling(_) = self.system {
-            let rates = layout.steered.iter().map(|&i| of_wheel(i, "steering_rate"));
-            let rates: Vec<T> = rates.collect();
-            let velocity = vec2(last("twist.forward"), last("twist.left"));
-            let v = platform.velocity_from_twist(velocity, last("twist.yaw_rate"), &rates);
-            let at = layout.velocity();
-            x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
+        let velocity = vec2(last("twist.forward"), last("twist.left"));
+        if self.system.has_forces() {
             for (k, &i) in layout.motors.iter().enumerate() {
                 x[layout.current() + k] = of_wheel(i, "current");
             }
+        }
+        if let System::Rolling(_) = self.system {
+            let rates = layout.steered.iter().map(|&i| of_wheel(i, "steering_rate"));
+            let rates: Vec<T> = rates.collect();
+            let v = platform.velocity_from_twist(velocity, last("twist.yaw_rate"), &rates);
+            let at = layout.velocity();
+            x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
             self.mode = senses(&wheel_rates(platform, &x, &v));
+        }
+        if let System::Slip(system) = &self.system {
+            x = system.state(&x, velocity, last("twist.yaw_rate"));
+            for (k, &i) in layout.steered.iter().enumerate() {
+                x[layout.velocity() + layout.eta + k] = of_wheel(i, "steering_rate");
+            }
+            for i in 0..layout.wheels {
+                x[system.rate(i)] = of_wheel(i, "spin_rate");
+            }
+            let rates: Vec<T> = (0..layout.wheels).map(|i| x[system.rate(i)]).collect();
+            self.mode = senses(&rates);
         }
         self.x = x;
         // Its books begin anew.
@@ -515,12 +630,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
 
     fn observe(&mut self, input: &[T], detail: Detail, output: &mut [T]) {
         self.take_input(input);
-        let (x, u, mode, y) = (&self.x, &self.u, &self.mode, &mut self.y);
-        let motion_only = detail == Detail::Motion;
-        match &self.system {
-            System::Rolling(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
-            System::Kinematic(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
-        }
+        self.look(detail == Detail::Motion);
         let y = &self.y;
         let layout = self.layout();
         let mut at = 0;
@@ -545,16 +655,13 @@ impl<T: Scalar> Block<T> for Plant<T> {
         if detail == Detail::Motion {
             return;
         }
-        let rolling = match &self.system {
-            System::Rolling(rolling) => rolling,
-            System::Kinematic(_) => {
-                if self.is_overdriven {
-                    put(y[BODY_OUTPUTS - 1]);
-                }
-                return;
+        if !self.system.has_forces() {
+            if self.is_overdriven {
+                put(y[BODY_OUTPUTS - 1]);
             }
-        };
-        for (i, wheel) in rolling.platform().wheels().iter().enumerate() {
+            return;
+        }
+        for (i, wheel) in self.system.platform().wheels().iter().enumerate() {
             if command_signal(&wheel.drive).is_some() {
                 put(y[layout.wheel_output(i, WheelOutput::Torque)]);
             }
@@ -576,8 +683,16 @@ impl<T: Scalar> Block<T> for Plant<T> {
         // What the ledger does not explain: zero but for the integrator.
         let stored = y[3] + y[4] + y[5] - self.energy_start;
         put(stored - (supplied - windings - gears - friction));
-        if rolling.support().is_some() {
+        if self.system.tips() {
             put(y[6]);
+        }
+        if let System::Slip(system) = &self.system {
+            let (_, at) = system.outputs();
+            for (i, contact) in y[at..].chunks_exact(SLIP_OUTPUTS).enumerate() {
+                if !system.follows(i) {
+                    contact.iter().copied().for_each(&mut put);
+                }
+            }
         }
     }
 
@@ -587,7 +702,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
         save_numbers(&self.mode, bytes);
         let step = match &self.method {
             Method::Adaptive(adaptive) => adaptive.next_step(),
-            Method::RungeKutta4(_) | Method::Exponential(_) => 0.0,
+            Method::RungeKutta4(_) | Method::Exponential(_) | Method::Own => 0.0,
         };
         save_numbers(&[T::from(step), self.energy_start], bytes);
     }

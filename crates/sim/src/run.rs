@@ -260,14 +260,11 @@ pub(crate) fn assemble<T: Scalar>(
             .platform
             .as_ref()
             .expect("a checked scenario has platforms");
-        let platform = build::platform_of(
-            file,
-            build::drive_model(robot),
-            ground.gravity_normal,
-            &format!("robot.{}.platform", robot.name),
-            values,
-        )
-        .expect("a checked platform can be built");
+        let path = format!("robot.{}.platform", robot.name);
+        let drives = build::drive_model(robot);
+        let platform = build::platform_of(file, drives, ground.gravity_normal, &path, values)
+            .expect("a checked platform can be built");
+        let tires = build::tires(file, &scenario.terrain, &path, values);
         let angles = build::start_angles(file);
         let pose = robot.pose.map(T::from);
         let start = Start {
@@ -281,8 +278,17 @@ pub(crate) fn assemble<T: Scalar>(
             tolerance: scenario.time.tolerance,
         };
         let name = &robot.name;
-        let plant = Plant::new(name, platform.clone(), ground, robot.level, numerics, start)
-            .map_err(|error| refuse_plant(loaded, &format!("robot.{name}"), error))?;
+        let level = robot.level;
+        let plant = Plant::new(
+            name,
+            platform.clone(),
+            tires,
+            ground,
+            level,
+            numerics,
+            start,
+        )
+        .map_err(|error| refuse_plant(loaded, &format!("robot.{name}"), error))?;
         integrators.push(plant.integrator());
         let layout = build::layout(scenario, robot);
         let assignment = robot

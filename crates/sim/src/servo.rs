@@ -14,7 +14,7 @@ use appell_model::planar::vec2;
 use appell_model::platform::{MAX_WHEELS, Platform};
 use appell_model::scalar::{Mask, Scalar};
 use appell_model::solve::{
-    MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, product, zero_row,
+    MAX_DOF, Mobility, Row, Square, add_outer, dot, invert, invert_known, product, zero_row,
 };
 use appell_model::wheel::Wheel;
 
@@ -82,6 +82,15 @@ pub fn servo<T: Scalar>(
     values: &Values<'_, T>,
 ) -> Wired<Servo<T>> {
     let (file, level) = (&robot.servo, robot.level);
+    // A robot that steers by skidding turns as its wheels are told, where they may slip.
+    let released;
+    let skids = level == scenario::Level::Slip && platform.layout().eta == 1;
+    let platform = if skids {
+        released = platform.clone().released();
+        &released
+    } else {
+        platform
+    };
     let name = format!("robot.{}", robot.name);
     let wheels = platform.wheels();
     let driven = driven(platform);
@@ -153,6 +162,12 @@ pub fn servo<T: Scalar>(
                 dot(n, row, &v)
             });
             let felt = T::one() / dot(n, row, &product(n, mobility.matrix(), row));
+            let mut gain = bandwidth * felt;
+            if level == scenario::Level::Slip {
+                // A wheel that has lost its grip moves nothing but itself: half of what would make
+                // its loop unstable at this period.
+                gain = gain.min(T::from(0.5 / period) * wheel.spin_inertia);
+            }
             let rate_max = match &wheel.drive {
                 Drive::None => T::zero(),
                 Drive::Rate { rate_max } => *rate_max,
@@ -164,7 +179,7 @@ pub fn servo<T: Scalar>(
                 rate,
                 inertia,
                 viscous: wheel.viscous,
-                gain: bandwidth * felt,
+                gain,
                 drive: wheel.drive,
                 rate_max,
             }
@@ -315,7 +330,12 @@ fn acceleration_torques<T: Scalar>(n: usize, mass: &Square<T>, rows: &[Row<T>]) 
     for row in rows {
         add_outer(n, &mut normal, T::one(), row, row);
     }
-    let pseudo = invert(n, &normal);
+    // Directions in which no axle drives, as sideways on plain wheels, are left out.
+    let mut trace = T::zero();
+    for k in 0..n {
+        trace += normal[k][k];
+    }
+    let pseudo = invert_known(n, &normal, trace * T::from(1e-12));
     let per_axle = |row: &Row<T>| {
         let share = product(n, &pseudo, row);
         let inertia =

@@ -145,10 +145,9 @@ impl<T: Scalar> Slip<T> {
                 let hard = touch.slope.map(|row| row.map(|entry| entry * load));
                 let lever = touch.lever;
                 let rate = x[self.rate(i)];
-                let wheel = &self.platform.wheels()[i];
                 let start = self.axles[i].current().map_or(T::zero(), |at| from[at]);
                 let drive = self.axles[i].at_end(u[i], rate, start, step);
-                let inertia = wheel.spin_inertia * per_step;
+                let inertia = self.spin_inertia[i] * per_step;
                 let (lost, rubbing) = self.axles[i].glide(brake, rate);
                 let stiff = inertia + drive.damping + rubbing;
                 // Falling friction may pull harder than the wheel resists; not to be followed.

@@ -390,3 +390,41 @@ fn invariant_skid_steer_turns_on_the_spot() {
     // What the method of order 2 loses at 1 ms, and the springs of the tires hold.
     assert!(residual.abs() < 2e-3 * supplied, "{residual} of {supplied}");
 }
+
+/// Turning on the spot, four wheels at (±a, ±b) about the center of mass need rates as on a track
+/// 1 + (a/b)² times as wide, whatever the friction and the law of isotropic tires.
+#[test]
+fn closed_form_effective_track_of_a_skid_steer() {
+    let (a, b, radius) = (0.2, 0.25, 0.1);
+    for tire in laws(0.5).into_iter().chain(laws(1.1)) {
+        let body = Body {
+            mass: 28.0,
+            inertia_com: 1.4,
+            center_of_mass: Vec2::zero(),
+            com_height: 0.15,
+        };
+        let mut wheels = four(motor(1e-3));
+        for wheel in &mut wheels {
+            wheel.viscous = 0.0;
+        }
+        let platform = Platform::new(body, wheels).expect("a platform");
+        let ground = Ground::flat(9.81);
+        let system = Slip::new(platform, vec![tire; 4], ground, Loads::Dynamic).expect("a robot");
+        let mut x = at_rest(&system);
+        let mut u = vec![0.0; system.sizes().input];
+        for i in 0..4 {
+            u[i] = if i % 2 == 0 { -9.0 } else { 9.0 };
+        }
+        let mut mode = vec![1.0; 4];
+        Implicit::new(&system).steps(&system, &u, 1e-3, 6000, &mut x, &mut mode);
+        let yaw_rate = x[system.layout().velocity() + 2];
+        let ideal = radius * x[system.rate(1)] / b;
+        let wider = ideal / yaw_rate;
+        let expected = 1.0 + (a / b) * (a / b);
+        // Six seconds are many time constants of the turn; bristles that turn with a wheel lag a little.
+        assert!(
+            (wider - expected).abs() < 2e-3,
+            "{tire:?} {wider} {expected}"
+        );
+    }
+}

@@ -585,11 +585,20 @@ fn check_mobility(c: &mut Checker, robot: &Robot, file: &Platform) {
         Controller::Signals { channel, .. } => channel.iter().any(|c| c.to == "yaw_rate"),
         _ => true,
     };
-    if robot.controllers().any(turns) && crate::design::goes_straight_only(&platform).is_some() {
+    let skids = crate::design::goes_straight_only(&platform).is_some();
+    if robot.controllers().any(turns) && skids && robot.level != Level::Slip {
         c.refuse(
             format!("robot.{}.level", robot.name),
             "must be one whose wheels may slip: this robot steers by skidding, and ideal rolling has no solution that turns",
-            "level \"slip\" will have one, which this version does not know yet; give a wheel a steering, casters or rollers, or command its wheels straight ahead",
+            "use level \"slip\"; or give a wheel a steering, casters or rollers, or command its wheels straight ahead",
+        );
+    }
+    let standing = robot.model.iter().any(|m| m.level == Some(Level::Slip));
+    if file.trailer.is_some() && (robot.level == Level::Slip || standing) {
+        c.refuse(
+            format!("robot.{}.level", robot.name),
+            "must be another with a trailer: level \"slip\" knows none",
+            "use level \"rolling\", or leave the trailer out",
         );
     }
 }

@@ -143,7 +143,7 @@ impl<T: Scalar> Lead<T> {
         let wanted = clamp(wanted, -self.rate_max, self.rate_max);
         match level {
             Level::Kinematic => wanted,
-            Level::Rolling => clamp(
+            Level::Rolling | Level::Slip => clamp(
                 self.gain * (wanted - rate),
                 -self.torque_max,
                 self.torque_max,

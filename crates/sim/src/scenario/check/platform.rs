@@ -130,6 +130,103 @@ fn trailer_rules(c: &mut Checker, trailer: &Trailer, platform: &Platform, base: 
     }
 }
 
+fn tire_rules(c: &mut Checker, tire: &Tire, base: &str) {
+    let positive = match *tire {
+        Tire::Coulomb {
+            friction,
+            stribeck,
+            rounding,
+            ..
+        } => [
+            ("friction", friction),
+            ("stribeck", stribeck),
+            ("rounding", rounding),
+        ],
+        Tire::Lugre {
+            friction,
+            stribeck,
+            stiffness,
+            ..
+        } => [
+            ("friction", friction),
+            ("stribeck", stribeck),
+            ("stiffness", stiffness),
+        ],
+        Tire::Brush {
+            friction,
+            stiffness,
+            relaxation,
+            ..
+        }
+        | Tire::MagicFormula {
+            friction,
+            stiffness,
+            relaxation,
+            ..
+        }
+        | Tire::Linear {
+            friction,
+            stiffness,
+            relaxation,
+            ..
+        } => [
+            ("friction", friction),
+            ("stiffness", stiffness),
+            ("relaxation", relaxation),
+        ],
+    };
+    for (field, value) in positive {
+        c.positive(format!("{base}.{field}"), value);
+    }
+    match *tire {
+        Tire::Coulomb {
+            breakaway: Some(breakaway),
+            friction,
+            ..
+        }
+        | Tire::Lugre {
+            breakaway: Some(breakaway),
+            friction,
+            ..
+        } => c.require(
+            breakaway.is_finite() && breakaway >= friction,
+            format!("{base}.breakaway"),
+            &format!("at least friction = {}", number(friction)),
+            number(breakaway),
+        ),
+        _ => {}
+    }
+    match *tire {
+        Tire::Coulomb { .. } => {}
+        Tire::Lugre {
+            damping, viscous, ..
+        } => {
+            c.not_negative(format!("{base}.damping"), damping);
+            c.not_negative(format!("{base}.viscous"), viscous);
+        }
+        Tire::Brush { damping, .. }
+        | Tire::MagicFormula { damping, .. }
+        | Tire::Linear { damping, .. } => c.not_negative(format!("{base}.damping"), damping),
+    }
+    if let Tire::MagicFormula {
+        shape, curvature, ..
+    } = *tire
+    {
+        c.require(
+            (1.0..=2.0).contains(&shape),
+            format!("{base}.shape"),
+            "in [1, 2]",
+            number(shape),
+        );
+        c.require(
+            curvature.is_finite() && curvature <= 1.0,
+            format!("{base}.curvature"),
+            "at most 1",
+            number(curvature),
+        );
+    }
+}
+
 fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
     let path = |field: &str| format!("{base}.{field}");
     c.name(path("name"), &wheel.name);
@@ -150,6 +247,7 @@ fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
     ] {
         c.not_negative(path(field), value);
     }
+    tire_rules(c, &wheel.tire, &path("tire"));
     match &wheel.steering {
         &Steering::Fixed { angle_deg } => c.finite(path("steering.angle_deg"), angle_deg),
         Steering::Steered {
