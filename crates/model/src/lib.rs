@@ -98,4 +98,5 @@ pub mod support;
 pub mod tire;
 pub mod trailer;
 pub mod wheel;
+pub mod wheel_legged;
 pub mod wide;

@@ -1,7 +1,13 @@
 //! Pose error of a robot against a moving target, under disturbances of its speeds. `[eq:pose-error]`
 //!
-//! After Wang, Guan and others on the wheel-legged robot on uneven ground, equations (12)–(17), with
-//! the terms of a reference point off the axle that the published form leaves out.
+//! After X.-Y. Feng and H.-Q. Guo, *Kinematic analysis of wheel-legged mobile robot based on the
+//! uneven terrain*, J. Eng. Heilongjiang Univ. 6(4), 2015, equations (7)–(17), with the terms of a
+//! reference point off the axle that the published form leaves out, and with integrals in place of
+//! products of force and time. Regulation to a target at rest, equation (17), is v₁ = ω₁ = 0 with the
+//! reference point on the axle; there d(x_e² + y_e²)/dt = −2 x_e (v + Δv). The side forces that hold
+//! the wheels to their direction are not in it: `[eq:disturbance]`.
+
+pub mod excitation;
 
 use crate::dynamics::{Dynamics, Sizes};
 use crate::planar::vec2;

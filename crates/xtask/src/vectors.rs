@@ -4,6 +4,7 @@
 //! looked up in the state and output vectors, and `appell-model` does the rest.
 
 mod contact;
+mod named;
 mod points;
 mod signal;
 
@@ -23,10 +24,11 @@ use appell_model::scalar::Scalar;
 use appell_model::slip::{Loads, Slip};
 use appell_model::tire::{Contact, Tire};
 use appell_model::wheel::{Rim, Steering, Wheel};
+use appell_model::wheel_legged::WheelLegged;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-pub use points::points;
+pub use points::{points, strategies};
 pub use signal::Signal;
 
 /// A trajectory vector as its file gives it.
@@ -160,6 +162,7 @@ enum Model {
         loads: Loads,
     },
     Contact(Contact<f64>),
+    WheelLegged(WheelLegged<f64>),
 }
 
 /// A vector made ready: a model, its initial state, and where its columns stand.
@@ -244,6 +247,14 @@ pub fn run<T: Scalar>(vector: &Vector, method: Method) -> Result<Vec<Vec<T>>, Re
             let system = Slip::new(platform, tires, lift(ground), *loads);
             let system = system.map_err(|e| wrong(format!("{e:?}")))?;
             integrate(vector, &problem, &system, method)
+        }
+        Model::WheelLegged(model) => {
+            let model = WheelLegged {
+                front: T::from(model.front),
+                rear: T::from(model.rear),
+                rear_steering: model.rear_steering,
+            };
+            integrate(vector, &problem, &model, method)
         }
         Model::Robot {
             platform,
@@ -402,7 +413,8 @@ fn plain_wheel(name: &str, x: f64, y: f64, radius: f64) -> Wheel<f64> {
 
 fn prepare(vector: &Vector) -> Result<Problem, Refusal> {
     match vector.model.as_str() {
-        "pose_error" => return pose_error(vector),
+        "pose_error" => return named::pose_error(vector),
+        "wheel_legged_kinematic" => return named::wheel_legged(vector),
         "slip" => return contact::slip(vector),
         "lugre" => return contact::lugre(vector),
         _ => {}
@@ -638,42 +650,6 @@ fn pioneer(vector: &Vector) -> Result<Parts, Refusal> {
     Ok((body, wheels, false, vec!["1".into(), "2".into()]))
 }
 
-fn pose_error(vector: &Vector) -> Result<Problem, Refusal> {
-    let p = &vector.params;
-    let model = PoseError {
-        mass: number(p, "mass")?,
-        inertia: number(p, "J")?,
-        lever: number(p, "d")?,
-        ahead: number_or(p, "p", 0.0),
-    };
-    const STATES: [&str; 5] = ["x_e", "y_e", "theta_e", "dv", "dw"];
-    const INPUTS: [&str; 6] = ["v", "omega", "v1", "omega1", "F1", "F2"];
-    const OUTPUTS: [&str; 2] = ["v_total", "omega_total"];
-    let find = |names: &[&str], name: &str| names.iter().position(|n| *n == name);
-    let mut inputs = Vec::new();
-    for (name, signal) in &vector.inputs {
-        let index = find(&INPUTS, name).ok_or_else(|| wrong(format!("input {name}: unknown")))?;
-        inputs.push((index, signal.clone()));
-    }
-    let names = vector.state_columns.iter().chain(&vector.output_columns);
-    let columns: Result<Vec<Column>, Refusal> = names
-        .map(|name| {
-            let state = find(&STATES, name).map(Place::State);
-            let place = state.or(find(&OUTPUTS, name).map(Place::Output));
-            let place = place.ok_or_else(|| wrong(format!("column {name}: unknown")))?;
-            Ok(Column::one(place))
-        })
-        .collect();
-    let start = |name: &&str| vector.x0.get(*name).copied().unwrap_or(0.0);
-    Ok(Problem {
-        model: Model::PoseError(model),
-        x0: STATES.iter().map(start).collect(),
-        inputs,
-        constant_inputs: Vec::new(),
-        columns: columns?,
-    })
-}
-
 fn wheel_of<'a>(name: &'a str, names: &Suffixes) -> Option<(&'a str, usize)> {
     let (stem, suffix) = name.rsplit_once('_')?;
     Some((stem, names.iter().position(|n| n == suffix)?))
@@ -829,6 +805,10 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
                 continue;
             }
         };
+        if vector.model == "obstacle_strategy" {
+            good &= answer_in_words(&stem, &vector, out)?;
+            continue;
+        }
         // A hundredth of the tightest tolerance in use (1e-9), so that the integration adds nothing.
         let rows = if vector.kind == "pointwise" {
             points(&vector)
@@ -867,8 +847,39 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
     Ok(good)
 }
 
+/// Writes the answers to a vector whose answers are words; whether all are as the vector has them.
+fn answer_in_words(stem: &str, vector: &Vector, out: &Path) -> std::io::Result<bool> {
+    let rows = match strategies(vector) {
+        Ok(rows) => rows,
+        Err(refusal) => {
+            println!("WRONG        {stem:28} {refusal:?}");
+            return Ok(false);
+        }
+    };
+    std::fs::write(out.join(format!("{stem}.csv")), csv(vector, &rows))?;
+    let given = vector.input_columns.len();
+    let same = |(row, data): (&Vec<String>, &Vec<Value>)| {
+        let wanted = data
+            .iter()
+            .skip(given)
+            .map(|value| value.as_str().unwrap_or_default());
+        row.iter().map(String::as_str).eq(wanted)
+    };
+    let right = rows
+        .iter()
+        .zip(&vector.data)
+        .filter(|pair| same(*pair))
+        .count();
+    let verdict = if right == rows.len() { "ok" } else { "OFF" };
+    println!(
+        "{verdict:12} {stem:28} {right} of {} answers agree",
+        rows.len()
+    );
+    Ok(right == rows.len())
+}
+
 /// Times or given values first, then what was computed.
-fn csv(vector: &Vector, rows: &[Vec<f64>]) -> String {
+fn csv<C: std::fmt::Display>(vector: &Vector, rows: &[Vec<C>]) -> String {
     let times = ["t".to_owned()];
     let pointwise = vector.kind == "pointwise";
     let first: &[String] = if pointwise {
@@ -886,7 +897,8 @@ fn csv(vector: &Vector, rows: &[Vec<f64>]) -> String {
         } else {
             vec![vector.t[k]]
         };
-        let cells: Vec<String> = given.iter().chain(row).map(f64::to_string).collect();
+        let first = given.iter().map(f64::to_string);
+        let cells: Vec<String> = first.chain(row.iter().map(C::to_string)).collect();
         text += &(cells.join(",") + "\n");
     }
     text

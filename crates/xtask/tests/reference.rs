@@ -15,7 +15,7 @@ use appell_model::scalar::Scalar;
 use appell_model::wheel::{Rim, Steering, Wheel};
 use appell_sim::run::Outcome;
 use xtask::layouts::{self, LayoutFile};
-use xtask::vectors::{Method, Vector, deviations, points, run};
+use xtask::vectors::{Method, Vector, deviations, points, run, strategies};
 
 fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -35,8 +35,16 @@ fn vectors() -> Vec<(String, Vector)> {
 #[test]
 fn peer_vectors() {
     let all = vectors();
-    assert!(all.len() >= 36, "the vectors are there");
+    assert!(all.len() >= 40, "the vectors are there");
     for (stem, vector) in all {
+        if vector.model == "obstacle_strategy" {
+            let rows = strategies(&vector).unwrap_or_else(|e| panic!("{stem}: {e:?}"));
+            assert_eq!(rows.len(), vector.data.len(), "{stem}");
+            for (row, data) in rows.iter().zip(&vector.data) {
+                assert_eq!(Some(row[0].as_str()), data[4].as_str(), "{stem}: {data:?}");
+            }
+            continue;
+        }
         let rows = if vector.kind == "pointwise" {
             points(&vector)
         } else {
@@ -58,7 +66,8 @@ fn peer_vectors() {
 #[test]
 fn peer_vectors_by_three_scalars() {
     for (stem, vector) in vectors() {
-        if !stem.starts_with("diff_") {
+        let taken = ["diff_", "wheel_legged_", "pose_error_"];
+        if !taken.iter().any(|start| stem.starts_with(start)) {
             continue;
         }
         let step = if vector.model == "diff_motor" {

@@ -1,4 +1,4 @@
-//! Pointwise vectors: wheel rates, normal loads, inverse dynamics.
+//! Pointwise vectors: wheel rates, normal loads, inverse dynamics, strategies on obstacles.
 
 use std::collections::BTreeMap;
 
@@ -7,6 +7,7 @@ use appell_model::planar::vec2;
 use appell_model::platform::{Platform, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::support::Support;
+use appell_model::wheel_legged::obstacle::{Limits, Obstacle, decide};
 use serde_json::Value;
 
 use super::{Refusal, Vector, listed_wheels, number, number_or, pioneer, wrong};
@@ -22,18 +23,54 @@ pub fn points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
     }
 }
 
+/// The strategies for the obstacles of a pointwise vector, row by row. Its lengths are in mm.
+pub fn strategies(vector: &Vector) -> Result<Vec<Vec<String>>, Refusal> {
+    let p = &vector.params;
+    let meters = |millimeters: f64| millimeters / 1000.0;
+    let limits = Limits {
+        wheel_radius: meters(number(p, "R")?),
+        wheel_pitch: meters(number(p, "S1")?),
+        height_max: meters(number(p, "H_max")?),
+    };
+    if vector.output_columns != ["strategy"] {
+        return Err(wrong(format!(
+            "columns {:?}: unknown",
+            vector.output_columns
+        )));
+    }
+    let one = |row: &Vec<Value>| {
+        let given = given(vector, row);
+        let obstacle = if given("type")? == 0.0 {
+            Obstacle::Step {
+                height: meters(given("H")?),
+            }
+        } else {
+            Obstacle::Trench {
+                width: meters(given("s")?),
+                depth: meters(given("h")?),
+            }
+        };
+        Ok(vec![decide(&obstacle, &limits).strategy.key().to_owned()])
+    };
+    vector.data.iter().map(one).collect()
+}
+
+/// The inputs of a row by name.
+fn given<'a>(vector: &'a Vector, row: &'a [Value]) -> impl Fn(&str) -> Result<f64, Refusal> + 'a {
+    |name: &str| {
+        let k = vector.input_columns.iter().position(|n| n == name);
+        k.and_then(|k| row.get(k).and_then(Value::as_f64))
+            .ok_or_else(|| wrong(format!("input {name}: a number is missing")))
+    }
+}
+
 /// Asks each row for values by name and gives the outputs by name.
 pub(super) fn each_point(
     vector: &Vector,
     answer: &dyn Fn(&Given<'_>) -> Result<Named, Refusal>,
 ) -> Result<Vec<Vec<f64>>, Refusal> {
     let one = |row: &Vec<Value>| {
-        let given = |name: &str| {
-            let k = vector.input_columns.iter().position(|n| n == name);
-            k.and_then(|k| row.get(k).and_then(Value::as_f64))
-                .ok_or_else(|| wrong(format!("input {name}: a number is missing")))
-        };
-        let named = answer(&given)?;
+        let named = answer(&given(vector, row))?;
         vector
             .output_columns
             .iter()
