@@ -56,7 +56,7 @@ type Pair = [f64; 2];
 type Circuit = (Instant, Pair, Pair);
 
 /// Asserts that the published form violates the check and that the shipped model holds it.
-fn judge<A, B>(
+pub fn judge<A, B>(
     check: impl Fn(&dyn Fn(A) -> B) -> f64,
     published: impl Fn(A) -> B,
     shipped: impl Fn(A) -> B,
@@ -64,7 +64,7 @@ fn judge<A, B>(
     judge_within(ROUNDING, check, published, shipped);
 }
 
-fn judge_within<A, B>(
+pub fn judge_within<A, B>(
     tolerance: f64,
     check: impl Fn(&dyn Fn(A) -> B) -> f64,
     published: impl Fn(A) -> B,
