@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use appell_model::wheel_legged::obstacle::Limits;
+use appell_sim::uneven::Study;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// A workbench for the motion of wheeled mobile robots.
@@ -52,6 +54,11 @@ pub enum Command {
     Inverse(InverseOptions),
     /// Test the odometry of a differential drive on a square, both ways round, and calibrate it.
     Umbmark(UmbmarkOptions),
+    /// Compare how the pose error of a robot answers to sine, triangle and square forces of uneven ground.
+    Uneven(UnevenOptions),
+    /// Tell what a wheel-legged robot does about a step or a trench, let it cross, and draw the map of its
+    /// strategies.
+    Obstacle(ObstacleOptions),
     /// Write a starter scenario and robot into a new folder.
     New(NewOptions),
     /// Write, describe, list and test plug-ins: controllers of your own.
@@ -365,6 +372,108 @@ pub struct UmbmarkOptions {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Print JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `uneven`.
+#[derive(Args)]
+pub struct UnevenOptions {
+    /// Amplitude of the force along the motion, N.
+    #[arg(long, default_value_t = Study::DEFAULT.along)]
+    pub along: f64,
+    /// Amplitude of the force across the motion, N.
+    #[arg(long, default_value_t = Study::DEFAULT.across)]
+    pub across: f64,
+    /// Period of the forces, s.
+    #[arg(long, default_value_t = Study::DEFAULT.period)]
+    pub period: f64,
+    /// Phase of the forces at the start, degrees.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub phase_deg: f64,
+    /// Dry friction that the forces have to overcome, as a share of their amplitudes.
+    #[arg(long, default_value_t = Study::DEFAULT.friction)]
+    pub friction: f64,
+    /// Period at which the forces are sampled, and held between, s; 0 for continuous forces.
+    #[arg(long, default_value_t = Study::DEFAULT.sampling)]
+    pub sampling: f64,
+    /// What is equal among the waves.
+    #[arg(long, value_enum, default_value_t = Alike::Amplitude)]
+    pub alike: Alike,
+    /// Mass, kg.
+    #[arg(long, default_value_t = Study::DEFAULT.mass)]
+    pub mass: f64,
+    /// Yaw inertia about the vertical through the axle midpoint, kg·m².
+    #[arg(long, default_value_t = Study::DEFAULT.inertia)]
+    pub inertia: f64,
+    /// Lever arm of the force across, m.
+    #[arg(long, default_value_t = Study::DEFAULT.lever, allow_negative_numbers = true)]
+    pub lever: f64,
+    /// Speed that the robot wants, m/s.
+    #[arg(long, default_value_t = Study::DEFAULT.speed, allow_negative_numbers = true)]
+    pub speed: f64,
+    /// Yaw rate that the robot wants, rad/s.
+    #[arg(long, default_value_t = Study::DEFAULT.yaw_rate, allow_negative_numbers = true)]
+    pub yaw_rate: f64,
+    /// Pose error at the start: m, m, rad.
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "THETA"], default_values_t = Study::DEFAULT.start, allow_negative_numbers = true)]
+    pub start: Vec<f64>,
+    /// Length of the runs, s.
+    #[arg(long, default_value_t = Study::DEFAULT.duration)]
+    pub duration: f64,
+    /// Output folder.
+    #[arg(long, default_value = "runs/uneven")]
+    pub out: PathBuf,
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is equal among the waves, apart from their period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Alike {
+    /// The amplitude.
+    Amplitude,
+    /// The effective value: that of the sine.
+    Effective,
+}
+
+impl From<Alike> for appell_sim::uneven::Alike {
+    fn from(alike: Alike) -> Self {
+        match alike {
+            Alike::Amplitude => Self::Amplitude,
+            Alike::Effective => Self::Effective,
+        }
+    }
+}
+
+/// Options of `obstacle`.
+#[derive(Args)]
+pub struct ObstacleOptions {
+    /// A step up of this height, m.
+    #[arg(
+        long,
+        value_name = "HEIGHT",
+        conflicts_with = "trench",
+        allow_negative_numbers = true
+    )]
+    pub step: Option<f64>,
+    /// A trench of this width and depth, m.
+    #[arg(long, num_args = 2, value_names = ["WIDTH", "DEPTH"], allow_negative_numbers = true)]
+    pub trench: Option<Vec<f64>>,
+    /// Wheel radius R, m.
+    #[arg(long, default_value_t = Limits::PUBLISHED.wheel_radius, allow_negative_numbers = true)]
+    pub wheel_radius: f64,
+    /// Pitch S₁ of the two wheels of a leg system, m.
+    #[arg(long, default_value_t = Limits::PUBLISHED.wheel_pitch, allow_negative_numbers = true)]
+    pub wheel_pitch: f64,
+    /// Largest step or depth that the legs manage, m.
+    #[arg(long, default_value_t = Limits::PUBLISHED.height_max, allow_negative_numbers = true)]
+    pub height_max: f64,
+    /// Output folder.
+    #[arg(long, default_value = "runs/obstacle")]
+    pub out: PathBuf,
+    /// Print JSON instead of a sentence.
     #[arg(long)]
     pub json: bool,
 }

@@ -9,12 +9,14 @@ mod compare;
 mod inverse;
 mod live;
 mod new;
+mod obstacle;
 mod plot;
 mod plugin;
 mod run;
 mod sensitivity;
 mod terminal;
 mod umbmark;
+mod uneven;
 
 use std::process::ExitCode;
 
@@ -48,6 +50,8 @@ fn main() -> ExitCode {
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),
         Command::Umbmark(options) => umbmark::umbmark(&options),
+        Command::Uneven(options) => uneven::uneven(&options),
+        Command::Obstacle(options) => obstacle::obstacle(&options),
         Command::New(options) => new::new(&options),
         Command::Plugin(command) => plugin::plugin(&command),
         Command::Schema(options) => {

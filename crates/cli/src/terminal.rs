@@ -1,6 +1,7 @@
 //! The terminal: color, pipes, progress and tables.
 
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -42,6 +43,30 @@ pub fn print(text: &str) {
     });
     if written.and_then(|()| out.flush()).is_err() {
         std::process::exit(0);
+    }
+}
+
+/// Writes files into a folder, names it unless `quiet`, and gives the exit code.
+pub fn write_folder(folder: &Path, files: &[(String, Vec<u8>)], quiet: bool) -> u8 {
+    let written = std::fs::create_dir_all(folder).and_then(|()| {
+        files
+            .iter()
+            .try_for_each(|(name, bytes)| std::fs::write(folder.join(name), bytes))
+    });
+    match written {
+        Ok(()) => {
+            if !quiet {
+                print(&format!("pictures: {}", folder.display()));
+            }
+            crate::exit::PASSED
+        }
+        Err(problem) => {
+            error(&format!(
+                "{}: cannot be written: {problem}",
+                folder.display()
+            ));
+            crate::exit::OUTPUT
+        }
     }
 }
 

@@ -18,6 +18,12 @@ const MODULES: [&str; 6] = [
     include_str!("../web/report-body.js"),
     include_str!("../web/batch.js"),
 ];
+/// Pictures of studies, which no report has in it.
+const STUDIES: [&str; 2] = [
+    include_str!("../web/figures.js"),
+    include_str!("../web/crossing.js"),
+];
+const CROSSING_PLAYER: &str = include_str!("../web/crossing-player.js");
 const PLAYER: &str = include_str!("../web/report.js");
 const STYLE: &str = include_str!("../web/report.css");
 const TEMPLATE: &str = include_str!("../web/report.html");
@@ -64,7 +70,8 @@ impl Press {
         runtime.set_memory_limit(1 << 30);
         runtime.set_max_stack_size(8 << 20);
         let context = rquickjs::Context::full(&runtime).map_err(fail)?;
-        let text: String = MODULES.iter().map(|module| script(module)).collect();
+        let modules = MODULES.iter().chain(&STUDIES);
+        let text: String = modules.map(|module| script(module)).collect();
         context.with(|ctx| ctx.eval::<(), _>(text).map_err(|error| caught(&ctx, error)))?;
         Ok(Press {
             _runtime: runtime,
@@ -100,6 +107,45 @@ impl Press {
         options: &Value,
     ) -> Result<String, ReportError> {
         self.call("renderPlot", &[data, specs, options])
+    }
+
+    /// Figures of a study in two columns, as a complete SVG document.
+    pub fn figures(&self, data: &Value) -> Result<String, ReportError> {
+        self.call("renderFigures", &[data])
+    }
+
+    /// Maps of the order of waves, as a complete SVG document.
+    pub fn orders(&self, data: &Value) -> Result<String, ReportError> {
+        self.call("renderOrders", &[data])
+    }
+
+    /// The map of strategies on obstacles, as a complete SVG document.
+    pub fn strategies(&self, data: &Value) -> Result<String, ReportError> {
+        self.call("renderStrategies", &[data])
+    }
+
+    /// Instants of a crossing, as a complete SVG document.
+    pub fn strip(&self, data: &Value) -> Result<String, ReportError> {
+        self.call("renderStrip", &[data])
+    }
+
+    /// The self-contained page that plays a crossing.
+    pub fn crossing(&self, data: &Value) -> Result<String, ReportError> {
+        let title = self.call("crossingTitle", &[data])?;
+        let body = self.call("crossingBody", &[data])?;
+        let style = self.call("reportStyle", &[])? + &self.call("crossingStyle", &[])?;
+        let packed = data.to_string().replace('<', "\\u003c");
+        let code = script(MODULES[0]) + &script(STUDIES[1]) + &script(CROSSING_PLAYER);
+        Ok(fill(
+            TEMPLATE,
+            &[
+                ("<!--TITLE-->", &title),
+                ("<!--BODY-->", &body),
+                ("/*CSS*/", &style),
+                ("/*DATA*/", &packed),
+                ("/*SCRIPT*/", &code),
+            ],
+        ))
     }
 
     /// The self-contained page of a batch; without scripts.

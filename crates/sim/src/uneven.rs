@@ -104,6 +104,8 @@ const fn column(name: &'static str, title: &'static str, unit: &'static str) -> 
 
 /// Relative tolerance of a run: far below what a picture or four digits of a table show.
 const TOLERANCE: f64 = 1e-11;
+/// That of a run of a scan, which only compares.
+const SCAN_TOLERANCE: f64 = 1e-9;
 
 /// A run at its sample times.
 #[derive(Clone, Debug)]
@@ -159,6 +161,15 @@ impl Input<f64> for Push<'_> {
 /// # Errors
 /// When the error outgrows what numbers hold.
 pub fn run(study: &Study, wave: Waveform, count: usize) -> Result<Series, Stalled> {
+    run_within(study, wave, count, TOLERANCE)
+}
+
+fn run_within(
+    study: &Study,
+    wave: Waveform,
+    count: usize,
+    tolerance: f64,
+) -> Result<Series, Stalled> {
     let system = PoseError {
         mass: study.mass,
         inertia: study.inertia,
@@ -177,7 +188,7 @@ pub fn run(study: &Study, wave: Waveform, count: usize) -> Result<Series, Stalle
     stops.sort_by(f64::total_cmp);
     // Breaks beside a sample would make steps of no length.
     let least = 1e-9 * study.duration;
-    let mut method = Adaptive::new(&system, TOLERANCE, 0.1 * TOLERANCE);
+    let mut method = Adaptive::new(&system, tolerance, 0.1 * tolerance);
     method.step_max = 0.05 * study.period;
     let mut x = vec![0.0; 5];
     x[..3].copy_from_slice(&study.start);
@@ -198,7 +209,7 @@ pub fn run(study: &Study, wave: Waveform, count: usize) -> Result<Series, Stalle
             method.advance(&system, &push, t, stop, &mut x, &mut mode, None)?;
             t = stop;
         }
-        // The force has no part in the rates of the error itself, so that any time will do.
+        // The force has no part in the rates of the error itself, so that any piece of it will do.
         if next < samples.len() && samples[next] - t <= least {
             let push = Push {
                 study,
@@ -266,8 +277,8 @@ pub enum Order {
 impl Order {
     /// The order of the deviations under sine, triangle and square.
     pub fn of([sine, triangle, square]: [f64; 3]) -> Order {
-        // Ten times what the runs' tolerance leaves of it.
-        let equal = |a: f64, b: f64| (a - b).abs() <= 1e-8 * a.max(b);
+        // Some ten steps in a period, each within 1e-9, for a hundred periods.
+        let equal = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.max(b);
         if equal(sine, triangle) || equal(sine, square) || equal(triangle, square) {
             Order::Equal
         } else if triangle > sine && triangle > square {
@@ -287,10 +298,11 @@ impl Order {
 /// # Errors
 /// As of [`run`].
 pub fn orders(study: &Study, waves: [Waveform; 3]) -> Result<[Order; 6], Stalled> {
-    let still = run(study, Waveform::None, SCAN_SAMPLES)?;
+    let scanned = |wave| run_within(study, wave, SCAN_SAMPLES, SCAN_TOLERANCE);
+    let still = scanned(Waveform::None)?;
     let mut found = [[0.0; 6]; 3];
     for (found, wave) in found.iter_mut().zip(waves) {
-        *found = deviations(&run(study, wave, SCAN_SAMPLES)?, &still);
+        *found = deviations(&scanned(wave)?, &still);
     }
     Ok(core::array::from_fn(|k| Order::of(found.map(|of| of[k]))))
 }
@@ -303,8 +315,10 @@ pub const PHASES: usize = 72;
 /// Orders over phase and a second quantity.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// Name of the second quantity, as a picture shows it.
+    /// Name of the second quantity, as the axis of a picture shows it.
     pub name: &'static str,
+    /// What happens to the waves, in a word or two.
+    pub deed: &'static str,
     /// Its values.
     pub values: Vec<f64>,
     /// For each value, for each phase from 0 to a turn, the orders of the columns.
@@ -313,7 +327,11 @@ pub struct Scan {
 
 impl Scan {
     /// Scans the phase for each of the studies, in parallel.
-    fn of(name: &'static str, values: Vec<f64>, studies: &[Study]) -> Result<Scan, Stalled> {
+    fn of(
+        [name, deed]: [&'static str; 2],
+        values: Vec<f64>,
+        studies: &[Study],
+    ) -> Result<Scan, Stalled> {
         let row = |study: &Study| -> Result<Vec<[Order; 6]>, Stalled> {
             let at = |k: usize| Study {
                 phase: core::f64::consts::TAU * k as f64 / PHASES as f64,
@@ -339,6 +357,7 @@ impl Scan {
         }
         Ok(Scan {
             name,
+            deed,
             values,
             orders,
         })
@@ -395,8 +414,12 @@ pub fn scans(study: &Study) -> Result<[Scan; 2], Stalled> {
         })
         .collect();
     Ok([
-        Scan::of("sampling period / period", periods, &samplings)?,
-        Scan::of("friction / amplitude", shares, &frictions)?,
+        Scan::of(["sampling period / period", "held"], periods, &samplings)?,
+        Scan::of(
+            ["friction / amplitude", "with friction"],
+            shares,
+            &frictions,
+        )?,
     ])
 }
 
