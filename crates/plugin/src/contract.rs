@@ -132,12 +132,11 @@ pub struct Parameter {
 }
 
 impl Output {
-    /// Whether a value is finite and within the limits.
-    #[inline]
-    pub(crate) fn admits(&self, value: f64) -> bool {
-        let above = self.min.is_none_or(|min| value >= min);
-        let below = self.max.is_none_or(|max| value <= max);
-        value.is_finite() && above && below
+    /// Least and largest value that is let through; those between them are as well, and no others.
+    pub(crate) fn range(&self) -> [f64; 2] {
+        let least = self.min.map_or(f64::MIN, |min| min.max(f64::MIN));
+        let largest = self.max.map_or(f64::MAX, |max| max.min(f64::MAX));
+        [least, largest]
     }
 
     /// Lets a value through, or says why not.
@@ -297,5 +296,35 @@ mod tests {
         assert_eq!(silent, "step: gave no reason");
         let long = Fault::new("x".repeat(1 << 16), "y".repeat(1 << 16)).to_string();
         assert!(long.chars().count() < 1000);
+    }
+
+    #[test]
+    fn invariant_a_range_holds_what_is_admitted() {
+        let infinite = [f64::NEG_INFINITY, f64::INFINITY, f64::NAN];
+        let values = [f64::MIN, -2.0, -1.0, -0.0, 0.0, 1.0, 2.0, f64::MAX];
+        let values = values.into_iter().chain(infinite);
+        let limits = [None, Some(f64::NEG_INFINITY), Some(-1.0), Some(-0.0)];
+        let limits = limits.into_iter().chain([Some(1.0), Some(f64::INFINITY)]);
+        for (min, max) in limits
+            .clone()
+            .flat_map(|min| limits.clone().map(move |max| (min, max)))
+        {
+            let (name, unit) = ("forward".into(), "m/s".into());
+            let output = Output {
+                name,
+                unit,
+                min,
+                max,
+            };
+            let [least, largest] = output.range();
+            for value in values.clone() {
+                let is_within = least <= value && value <= largest;
+                assert_eq!(
+                    is_within,
+                    output.admit(value).is_ok(),
+                    "{value} in {min:?} to {max:?}"
+                );
+            }
+        }
     }
 }

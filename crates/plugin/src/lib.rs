@@ -48,6 +48,8 @@ const FILE_MAX: u64 = 1 << 28;
 pub struct Plugin {
     host: Host,
     descriptor: Descriptor,
+    /// Least and largest number that passes, of each output.
+    ranges: Vec<[f64; 2]>,
     hash: String,
     next: u32,
     /// Room for what comes back.
@@ -88,9 +90,11 @@ impl Plugin {
             let described = process.describe()?;
             (Host::Process(Box::new(process)), described)
         };
+        let descriptor = Descriptor::read(described)?;
         Ok(Plugin {
             host,
-            descriptor: Descriptor::read(described)?,
+            ranges: descriptor.outputs.iter().map(Output::range).collect(),
+            descriptor,
             hash: digest(&bytes),
             next: 0,
             results: Vec::new(),
@@ -208,12 +212,26 @@ impl Plugin {
     /// Lets results through, or says which member's does not pass, and why.
     #[inline]
     fn admit(&self) -> Result<(), (usize, Fault)> {
+        let mut all_pass = true;
+        for values in self.results.chunks_exact(self.ranges.len()) {
+            for (&[least, largest], &value) in self.ranges.iter().zip(values) {
+                // Without a branch; and what is not a number does not pass.
+                all_pass &= (least <= value) & (value <= largest);
+            }
+        }
+        match all_pass {
+            true => Ok(()),
+            false => self.refuse(),
+        }
+    }
+
+    /// Says which member's result does not pass, and why.
+    #[cold]
+    fn refuse(&self) -> Result<(), (usize, Fault)> {
         let ports = &self.descriptor.outputs;
         for (k, values) in self.results.chunks_exact(ports.len()).enumerate() {
             for (port, &value) in ports.iter().zip(values) {
-                if !port.admits(value) {
-                    port.admit(value).map_err(|fault| (k, fault))?;
-                }
+                port.admit(value).map_err(|fault| (k, fault))?;
             }
         }
         Ok(())
