@@ -359,6 +359,7 @@ impl Local for Fmu {
         self.with(place, |description, interface, instance| {
             interface.set(instance, &description.inputs, call.input)?;
             interface.step(instance, call.t, call.dt)?;
+            results.fill(f64::NAN);
             interface.get(instance, &description.outputs, results)
         })?;
         let first = clock.map_or(0.0, |clock| clock.dt);

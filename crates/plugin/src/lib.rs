@@ -168,8 +168,6 @@ impl Plugin {
         let Host::Local(local) = &mut self.host else {
             return self.step_many(&[call], output).map_err(|(_, fault)| fault);
         };
-        // What it leaves out is not taken from the step before.
-        self.results.clear();
         self.results.resize(output.len(), f64::NAN);
         local
             .step(&call, &mut self.results)
@@ -196,9 +194,7 @@ impl Plugin {
                 process.step(calls, width, &mut self.results)?;
             }
             Host::Local(local) => {
-                // What it leaves out is not taken from the step before.
                 self.results.resize(calls.len() * width, f64::NAN);
-                self.results.fill(f64::NAN);
                 local
                     .step_many(calls, width, &mut self.results)
                     .map_err(|(k, problem)| (k, Fault::new("step", problem)))?;

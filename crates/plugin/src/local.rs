@@ -32,7 +32,8 @@ pub trait Local: Debug + Send {
     /// Ends a member.
     fn destroy(&mut self, member: u32);
 
-    /// Steps one member; its outputs are written to `results`, which is as long as they are.
+    /// Steps one member; its outputs are written to `results`, which is as long as they are. What it leaves
+    /// out is no number then: nothing is taken from the step before.
     fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String>;
 
     /// Steps several members, with `width` outputs each; the place of the first that failed, and why.

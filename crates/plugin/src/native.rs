@@ -166,6 +166,7 @@ impl Local for Native {
     #[inline]
     fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String> {
         let made = self.member(call.member)?;
+        results.fill(f64::NAN);
         let (input, output) = (call.input.as_ptr(), results.as_mut_ptr());
         // SAFETY: as many inputs and outputs as it described.
         match unsafe { (self.step)(made, call.t, call.dt, input, output) } {

@@ -143,7 +143,6 @@ impl Server {
             let member = u32::from_le_bytes([call[0], call[1], call[2], call[3]]);
             input.clear();
             input.extend(each(&call[8..]));
-            output.clear();
             output.resize(outputs, f64::NAN);
             let step = crate::wire::Call {
                 member,

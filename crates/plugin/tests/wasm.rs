@@ -30,6 +30,7 @@ void appell_destroy(void *m) { (void)m; DESTROY; }
 const char *appell_reason(void *m) { (void)m; REASON; return "in its own words"; }
 int32_t appell_step(void *m, double t, double dt, const double *in, double *out)
 {
+    BEGIN;
     Member *self = m;
     self->sum += in[0] * self->gain;
     out[0] = self->sum + dt + 1.0 / in[1];
@@ -68,6 +69,7 @@ fn compile(name: &str, words: &[(&str, &str)], is_module: bool) -> PathBuf {
         ("CREATE", ""),
         ("DESTROY", ""),
         ("REASON", ""),
+        ("BEGIN", ""),
         ("STEP", ""),
         ("SAVE", ""),
     ];
@@ -170,17 +172,19 @@ fn invariant_conformance() {
     }
 }
 
+/// Steps members one by one, inside.
+const MANY: &str =
+    "int32_t appell_step_many(int32_t count, void *const *m, const double *t, double dt,
+    const double *in, double *out)
+{
+    for (int32_t k = 0; k < count; k++)
+        if (appell_step(m[k], t[k], dt, in + 2 * k, out + k)) return k + 1;
+    return 0;
+}";
+
 /// Members that step in one call have the bits of those that step one by one.
 #[test]
 fn invariant_together_as_alone() {
-    const MANY: &str =
-        "int32_t appell_step_many(int32_t count, void *const *m, const double *t, double dt,
-        const double *in, double *out)
-    {
-        for (int32_t k = 0; k < count; k++)
-            if (appell_step(m[k], t[k], dt, in + 2 * k, out + k)) return k + 1;
-        return 0;
-    }";
     let fails = ("STEP", "if (in[1] == 13.0) return 7");
     let limits = Limits::default();
     let mut alone = open("alone", &[fails], &limits).expect("a module");
@@ -229,6 +233,52 @@ fn invariant_together_as_alone() {
         (place, fault.to_string().as_str()),
         (0, "step: in its own words")
     );
+}
+
+/// An output that a step leaves out is not taken from the step before.
+#[test]
+fn invariant_nothing_is_left_of_the_step_before() {
+    let words = [
+        ("INITIALIZE", MANY),
+        ("BEGIN", "if (in[1] == 13.0) return 0"),
+    ];
+    let trusted = Limits {
+        is_trusted: true,
+        ..Limits::default()
+    };
+    for is_module in [true, false] {
+        let file = compile("left", &words, is_module);
+        let mut plugin = Plugin::open(&file, trusted.clone()).expect("a plug-in");
+        let mut member = || {
+            plugin
+                .create(&BTreeMap::new(), &json!({}))
+                .expect("a member")
+        };
+        let members = [member(), member()];
+        let mut step = |second: [f64; 2]| {
+            let inputs = [[0.3, 1.0], second];
+            let call = |k: usize| Call {
+                member: members[k],
+                t: 0.0,
+                dt: 0.1,
+                input: &inputs[k],
+            };
+            let (calls, mut output) = ([0, 1].map(call), [0.0; 2]);
+            let many = plugin.step_many(&calls, &mut output);
+            let last = &calls[1];
+            let one = plugin.step(last.member, last.t, last.dt, last.input, &mut output[..1]);
+            (
+                many.map_err(|(place, fault)| (place, fault.to_string())),
+                one,
+            )
+        };
+        let (many, one) = step([0.3, 1.0]);
+        assert!(many.is_ok() && one.is_ok());
+        let (many, one) = step([0.3, 13.0]);
+        let told = "outputs.command.forward: must be finite, got NaN";
+        assert_eq!(many, Err((1, told.to_owned())));
+        assert_eq!(one.expect_err("no number").to_string(), told);
+    }
 }
 
 /// A context of any length has room, and the numbers of steps still do.
