@@ -107,22 +107,25 @@ impl<M: Copy> Members<M> {
     /// What was made for a number.
     #[inline]
     pub(crate) fn find(&mut self, member: u32) -> Result<M, String> {
-        for at in [self.last, self.last + 1] {
-            if let Some((known, made)) = self.list.get(at)
-                && *known == member
-            {
-                self.last = at;
-                return Ok(*made);
-            }
+        let (place, made) = self.next(member, self.last)?;
+        self.last = place;
+        Ok(made)
+    }
+
+    /// Where one stands, and what was made for it: at a place, behind it, or wherever it is.
+    #[inline]
+    pub(crate) fn next(&self, member: u32, place: usize) -> Result<(usize, M), String> {
+        let is_there = |at: &usize| self.list.get(*at).is_some_and(|one| one.0 == member);
+        let near = [place, place + 1].into_iter().find(is_there);
+        match near.or_else(|| self.search(member)) {
+            Some(at) => Ok((at, self.list[at].1)),
+            None => Err(format!("has no member {member}")),
         }
-        self.search(member)
     }
 
     #[cold]
-    fn search(&mut self, member: u32) -> Result<M, String> {
-        let found = self.list.binary_search_by_key(&member, |one| one.0);
-        self.last = found.map_err(|_| format!("has no member {member}"))?;
-        Ok(self.list[self.last].1)
+    fn search(&self, member: u32) -> Option<usize> {
+        self.list.binary_search_by_key(&member, |one| one.0).ok()
     }
 }
 

@@ -184,8 +184,17 @@ fn mathematics(linker: &mut Linker<Room>) -> wasmtime::Result<()> {
 /// Writes numbers into the first bytes.
 #[inline]
 fn write(numbers: &[f64], bytes: &mut [u8]) {
-    for (room, number) in bytes.as_chunks_mut().0.iter_mut().zip(numbers) {
-        *room = number.to_le_bytes();
+    let rooms = bytes.as_chunks_mut().0;
+    // A loop becomes a call of what copies memory, which for few numbers takes longer than they do.
+    match (numbers, rooms) {
+        ([a], [x, ..]) => *x = a.to_le_bytes(),
+        ([a, b], [x, y, ..]) => [*x, *y] = [a, b].map(|number| number.to_le_bytes()),
+        ([a, b, c], [x, y, z, ..]) => [*x, *y, *z] = [a, b, c].map(|number| number.to_le_bytes()),
+        (numbers, rooms) => {
+            for (room, number) in rooms.iter_mut().zip(numbers) {
+                *room = number.to_le_bytes();
+            }
+        }
     }
 }
 
@@ -355,54 +364,62 @@ impl Wasm {
         text.filter(|text| !text.is_empty())
     }
 
-    /// Steps members in one call.
+    /// Steps members in one call, if their steps are of one length. Whether they are.
     fn step_all(
         &mut self,
         step_many: &StepMany,
         calls: &[Call<'_>],
         width: usize,
         results: &mut [f64],
-    ) -> Result<(), (usize, String)> {
+    ) -> Result<bool, (usize, String)> {
         let count = calls.len();
         let read = calls[0].input.len();
         let first = |problem: String| (0, problem);
-        let times = self
-            .place(8 * count * (1 + read + width) + 4 * count)
-            .map_err(first)?;
+        let size = 8 * count * (1 + read + width) + 4 * count;
+        let times = self.place(size).map_err(first)?;
         let inputs = times + 8 * count;
         let outputs = inputs + 8 * count * read;
         let members = outputs + 8 * count * width;
-        let room = &mut self.memory.data_mut(&mut self.store)[times..members + 4 * count];
+        let room = &mut self.memory.data_mut(&mut self.store)[times..times + size];
         let (t, rest) = room.split_at_mut(8 * count);
-        let (read_by, rest) = rest.split_at_mut(8 * count * read);
+        let (mut read_by, rest) = rest.split_at_mut(8 * count * read);
         let (written, addresses) = rest.split_at_mut(8 * count * width);
         void(written);
         let t = t.as_chunks_mut().0.iter_mut();
         let addresses = addresses.as_chunks_mut().0.iter_mut();
+        let (dt, mut place) = (calls[0].dt, 0);
         for (k, ((call, t), address)) in calls.iter().zip(t).zip(addresses).enumerate() {
-            let member = self.members.find(call.member);
-            *address = member.map_err(|problem| (k, problem))?.to_le_bytes();
+            if call.dt != dt {
+                return Ok(false);
+            }
+            let made;
+            let next = self.members.next(call.member, place);
+            (place, made) = next.map_err(|problem| (k, problem))?;
+            *address = made.to_le_bytes();
             *t = call.t.to_le_bytes();
-            write(call.input, &mut read_by[8 * k * read..]);
+            let own;
+            (own, read_by) = read_by.split_at_mut(8 * read);
+            write(call.input, own);
         }
         let fuel = self.fuel.saturating_mul(count as u64);
         let arguments = (
             count as i32,
             members as i32,
             times as i32,
-            calls[0].dt,
+            dt,
             inputs as i32,
             outputs as i32,
         );
         match self.call(fuel, step_many, arguments).map_err(first)? {
             0 => {
                 self.get(outputs, results);
-                Ok(())
+                Ok(true)
             }
             place => {
                 let k = (place as usize).saturating_sub(1).min(count - 1);
                 let member = self.members.find(calls[k].member).unwrap_or_default();
-                self.told(member, place).map_err(|problem| (k, problem))
+                let told = self.told(member, place);
+                told.map(|()| true).map_err(|problem| (k, problem))
             }
         }
     }
@@ -541,15 +558,17 @@ impl Local for Wasm {
         width: usize,
         results: &mut [f64],
     ) -> Result<(), (usize, String)> {
-        let same = calls.iter().all(|call| call.dt == calls[0].dt);
-        let is_many = calls.len() > 1 && same && calls.len() < 1 << 20;
+        let is_many = calls.len() > 1 && calls.len() < 1 << 20;
         // Taken rather than cloned, which counts references.
         let Some(step_many) = self.step_many.take_if(|_| is_many) else {
             return one_by_one(self, calls, width, results);
         };
         let stepped = self.step_all(&step_many, calls, width, results);
         self.step_many = Some(step_many);
-        stepped
+        match stepped? {
+            true => Ok(()),
+            false => one_by_one(self, calls, width, results),
+        }
     }
 
     fn save(&mut self, member: u32) -> Result<Vec<u8>, String> {
