@@ -806,7 +806,7 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
             }
         };
         if vector.model == "obstacle_strategy" {
-            good &= answer_in_words(&stem, &vector, out)?;
+            good &= points::answer_in_words(&stem, &vector, out)?;
             continue;
         }
         // A hundredth of the tightest tolerance in use (1e-9), so that the integration adds nothing.
@@ -845,37 +845,6 @@ pub fn run_folder(folder: &Path, out: &Path) -> std::io::Result<bool> {
         }
     }
     Ok(good)
-}
-
-/// Writes the answers to a vector whose answers are words; whether all are as the vector has them.
-fn answer_in_words(stem: &str, vector: &Vector, out: &Path) -> std::io::Result<bool> {
-    let rows = match strategies(vector) {
-        Ok(rows) => rows,
-        Err(refusal) => {
-            println!("WRONG        {stem:28} {refusal:?}");
-            return Ok(false);
-        }
-    };
-    std::fs::write(out.join(format!("{stem}.csv")), csv(vector, &rows))?;
-    let given = vector.input_columns.len();
-    let same = |(row, data): (&Vec<String>, &Vec<Value>)| {
-        let wanted = data
-            .iter()
-            .skip(given)
-            .map(|value| value.as_str().unwrap_or_default());
-        row.iter().map(String::as_str).eq(wanted)
-    };
-    let right = rows
-        .iter()
-        .zip(&vector.data)
-        .filter(|pair| same(*pair))
-        .count();
-    let verdict = if right == rows.len() { "ok" } else { "OFF" };
-    println!(
-        "{verdict:12} {stem:28} {right} of {} answers agree",
-        rows.len()
-    );
-    Ok(right == rows.len())
 }
 
 /// Times or given values first, then what was computed.

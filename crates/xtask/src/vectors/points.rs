@@ -1,6 +1,7 @@
 //! Pointwise vectors: wheel rates, normal loads, inverse dynamics, strategies on obstacles.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use appell_model::ground::Ground;
 use appell_model::planar::vec2;
@@ -10,7 +11,7 @@ use appell_model::support::Support;
 use appell_model::wheel_legged::obstacle::{Limits, Obstacle, decide};
 use serde_json::Value;
 
-use super::{Refusal, Vector, listed_wheels, number, number_or, pioneer, wrong};
+use super::{Refusal, Vector, csv, listed_wheels, number, number_or, pioneer, wrong};
 
 /// The outputs of a pointwise vector, row by row.
 pub fn points(vector: &Vector) -> Result<Vec<Vec<f64>>, Refusal> {
@@ -53,6 +54,37 @@ pub fn strategies(vector: &Vector) -> Result<Vec<Vec<String>>, Refusal> {
         Ok(vec![decide(&obstacle, &limits).strategy.key().to_owned()])
     };
     vector.data.iter().map(one).collect()
+}
+
+/// Writes the answers to a vector whose answers are words; whether all are as the vector has them.
+pub(super) fn answer_in_words(stem: &str, vector: &Vector, out: &Path) -> std::io::Result<bool> {
+    let rows = match strategies(vector) {
+        Ok(rows) => rows,
+        Err(refusal) => {
+            println!("WRONG        {stem:28} {refusal:?}");
+            return Ok(false);
+        }
+    };
+    std::fs::write(out.join(format!("{stem}.csv")), csv(vector, &rows))?;
+    let given = vector.input_columns.len();
+    let same = |(row, data): (&Vec<String>, &Vec<Value>)| {
+        let wanted = data
+            .iter()
+            .skip(given)
+            .map(|value| value.as_str().unwrap_or_default());
+        row.iter().map(String::as_str).eq(wanted)
+    };
+    let right = rows
+        .iter()
+        .zip(&vector.data)
+        .filter(|pair| same(*pair))
+        .count();
+    let verdict = if right == rows.len() { "ok" } else { "OFF" };
+    println!(
+        "{verdict:12} {stem:28} {right} of {} answers agree",
+        rows.len()
+    );
+    Ok(right == rows.len())
 }
 
 /// The inputs of a row by name.
