@@ -157,7 +157,7 @@ impl<T: Scalar> Slip<T> {
                 let bound = self.axles[i].held(brake);
                 let pushed = whole.mul_add(rate, rest);
                 let sticks = pushed.abs().less_equal(bound).and(T::zero().less(bound));
-                rest = rest - T::select(T::zero().less(bound), bound.copysign(pushed), T::zero());
+                rest -= T::select(T::zero().less(bound), bound.copysign(pushed), T::zero());
                 mode[i] = T::select(sticks, T::zero(), T::one().copysign(pushed));
                 let gain = T::select(sticks, T::zero(), T::one() / whole);
                 own[i] = T::select(sticks, -rate, rest * gain);
