@@ -25,11 +25,13 @@ macro_rules! fused {
                 #[inline(never)]
                 #[target_feature(enable = "avx2,fma")]
                 fn quick <$scalar: Scalar $(, $generic: $bound)*> ($($arg: $ty),*) $(-> $result)? {
+                    $crate::wide::align_stack();
                     plain($($arg),*)
                 }
                 #[inline(never)]
                 #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512vl,avx512bw")]
                 fn wide <$scalar: Scalar $(, $generic: $bound)*> ($($arg: $ty),*) $(-> $result)? {
+                    $crate::wide::align_stack();
                     plain($($arg),*)
                 }
                 use $crate::scalar::Registers;

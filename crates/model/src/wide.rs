@@ -49,6 +49,18 @@ pub(crate) fn is_at_hand<T: Scalar>() -> bool {
     true
 }
 
+/// Puts the stack of the function that it is inlined into on cache lines.
+///
+/// The compiler aligns what it has no register for only where it knows from the start that something
+/// on the stack must be aligned; else each such vector straddles two lines, in a store and a load.
+#[inline(always)]
+pub fn align_stack() {
+    #[repr(align(64))]
+    struct Line(#[allow(dead_code)] u8);
+    let mut line = Line(0);
+    core::hint::black_box(&mut line);
+}
+
 /// Does a job by the instructions that its numbers are made for. The bits are the same by all of
 /// them: every operation rounds by IEEE 754, and `mul_add` is fused everywhere.
 #[inline(always)]
@@ -57,10 +69,12 @@ pub fn widest<T: Scalar, J: Job>(job: J) -> J::Output {
     {
         #[target_feature(enable = "avx2,fma")]
         fn fused<J: Job>(job: J) -> J::Output {
+            align_stack();
             job.run()
         }
         #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512vl,avx512bw")]
         fn wide<J: Job>(job: J) -> J::Output {
+            align_stack();
             job.run()
         }
         // What a constant leaves out is not compiled at all.
