@@ -152,11 +152,7 @@ impl<T: Scalar> Rolling<T> {
     #[inline(always)]
     fn is_plain(&self, u: &[T]) -> bool {
         let at = self.platform.layout().wrench_input();
-        let mut alone = self.is_smooth;
-        for k in 0..3 {
-            alone &= is_zero(u[at + k]).all();
-        }
-        alone
+        self.is_smooth && is_still(&u[at..at + 3])
     }
 
     /// Largest friction torque of wheel i, N·m.
@@ -581,6 +577,16 @@ fused! {
     /// See [`Rolling::any_output`].
     fn any_output<T: Scalar>(rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
         rolling.any_output(x, u, mode, y);
+    }
+}
+fused! {
+    /// Whether nothing but zeros is in any lane.
+    fn is_still<T: Scalar>(wrench: &[T]) -> bool {
+        let mut still = T::Mask::splat(true);
+        for k in 0..wrench.len() {
+            still = still.and(is_zero(wrench[k]));
+        }
+        still.all()
     }
 }
 fused! {
