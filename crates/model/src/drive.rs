@@ -103,6 +103,12 @@ pub struct Winding<T> {
 }
 
 impl<T: Scalar> Winding<T> {
+    /// The command within the supply, V.
+    #[inline(always)]
+    pub fn supplied_voltage(&self, command: T) -> T {
+        command.max(-self.voltage_max).min(self.voltage_max)
+    }
+
     /// Voltage at the terminals, V: the command within the window E ± R I_max of the current limit
     /// and within the supply.
     ///
@@ -110,7 +116,7 @@ impl<T: Scalar> Winding<T> {
     #[inline(always)]
     pub fn terminal_voltage(&self, command: T, emf: T) -> T {
         // The supply's limits on each end of the window, and not last, keep the chain of a step short.
-        let command = command.max(-self.voltage_max).min(self.voltage_max);
+        let command = self.supplied_voltage(command);
         let lowest = (emf - self.window).min(self.voltage_max);
         let highest = (emf + self.window).max(-self.voltage_max);
         command.max(lowest).min(highest)

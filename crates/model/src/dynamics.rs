@@ -62,10 +62,73 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     {
         job.run::<0, 0, _>(self)
     }
+    /// The part of the state that a step under a held input needs stages for, where all others are
+    /// gathered afterwards by [`Dynamics::gather`].
+    #[inline(always)]
+    fn core(&self) -> Option<Core> {
+        None
+    }
+    /// Rates of the core, and of no more. Gives the lanes in which a limit was met.
+    #[inline(always)]
+    fn core_rates(&self, _x: &[T], _u: &[T], _rates: &mut [T]) -> T::Mask {
+        unreachable!("there is no core")
+    }
+    /// Adds to the states beyond the core what their rates come to over a step, and renews the
+    /// redundant ones: what [`Dynamics::settle`] does where there is no core. `limited` are the lanes
+    /// in which a limit was met.
+    #[inline(always)]
+    fn gather(&self, _nodes: &Nodes<'_, T>, _u: &[T], _limited: T::Mask, _x: &mut [T]) {
+        unreachable!("there is no core")
+    }
     /// States for which a tolerance makes no sense because they repeat others or only keep books.
     fn is_derived(&self, _index: usize) -> bool {
         false
     }
+}
+
+/// Where the core of a state lies, as ranges [from, to).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Core {
+    /// What its rates read, in two parts.
+    pub read: [(usize, usize); 2],
+    /// What the stages are summed for; the rest of it repeats states that are gathered.
+    pub summed: (usize, usize),
+}
+
+/// The core at three nodes of a symmetric quadrature over a step: where f is a product of two states
+/// its integral is `weight` (f(first) + f(middle) + f(last)), and where it is one state `weight`
+/// (first + `share` middle + last), for the state in the middle is given `share` times as large.
+pub struct Nodes<'a, T> {
+    /// At the first node.
+    pub first: &'a [T],
+    /// At the middle node, times `share`.
+    pub middle: &'a [T],
+    /// At the last node.
+    pub last: &'a [T],
+    /// Root of the ratio of the weights of the middle node and an outer one.
+    pub share: T,
+    /// Weight of an outer node, s.
+    pub weight: T,
+}
+
+impl<T: Scalar> Nodes<'_, T> {
+    /// A state at each of them.
+    #[inline(always)]
+    pub fn state(&self, index: usize) -> [T; 3] {
+        [self.first[index], self.middle[index], self.last[index]]
+    }
+
+    /// Integral of what is linear in the states, over `weight`.
+    #[inline(always)]
+    pub fn sum(&self, a: [T; 3]) -> T {
+        self.share.mul_add(a[1], a[0] + a[2])
+    }
+}
+
+/// Integral of a product over `weight` of [`Nodes`].
+#[inline(always)]
+pub fn product<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
+    a[2].mul_add(b[2], a[1].mul_add(b[1], a[0] * b[0]))
 }
 
 /// What is done with a system whose type the caller does not know.

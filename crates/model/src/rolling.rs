@@ -11,7 +11,7 @@ mod friction;
 mod inverse;
 
 use crate::drive::Drive;
-use crate::dynamics::{Dynamics, Sizes, Work};
+use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work};
 use crate::ground::Ground;
 use crate::planar::{Vec2, vec2};
 use crate::platform::{
@@ -43,6 +43,8 @@ pub struct Rolling<T: Scalar> {
     is_level: bool,
     /// Whether the ground is level and the only friction is viscous.
     is_smooth: bool,
+    /// Whether a step needs the stages of its core alone: of a shape with motors, without dry friction.
+    is_gathered: bool,
     /// The contacts that carry it, where three or more span a plane.
     support: Option<Support<T>>,
 }
@@ -106,12 +108,14 @@ impl<T: Scalar> Rolling<T> {
             any_rubs: axles.iter().any(|axle| axle.rubs),
             is_level,
             is_smooth: is_level && !axles.iter().any(is_dry),
+            is_gathered: !axles.iter().any(is_dry),
             axles,
             support,
         };
         rolling.shape = constant
             .as_ref()
             .and_then(|constant| Shape::new(&rolling, constant));
+        rolling.is_gathered &= rolling.shape.as_ref().and_then(Shape::core).is_some();
         rolling.constant = constant;
         rolling
     }
@@ -675,6 +679,24 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
         if self.any_rubs || !self.platform.layout().steered.is_empty() {
             come_to_rest(self, x, u, mode);
         }
+    }
+
+    #[inline(always)]
+    fn core(&self) -> Option<Core> {
+        let shape = self.shape.as_ref().filter(|_| self.is_gathered)?;
+        shape.core()
+    }
+
+    #[inline(always)]
+    fn core_rates(&self, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
+        let shape = self.shape.as_ref().expect("a core is of a shape");
+        compiled::core_rates(shape, self, x, u, rates)
+    }
+
+    #[inline(always)]
+    fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
+        let shape = self.shape.as_ref().expect("a core is of a shape");
+        compiled::gather(shape, self, nodes, u, limited, x);
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! An exponential method for motors: stable for any winding.
 
 use super::{Aligned, On, Steps, multiply};
-use crate::dynamics::{Dynamics, Input, Work};
+use crate::dynamics::{Core, Dynamics, Input, Nodes, Work};
 use crate::scalar::{Mask, Scalar};
 use crate::wide::{Job, widest};
 
@@ -180,6 +180,11 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
                     rest: &mut rest.0,
                 }
             };
+            // No method of `Option`: what is known of it must stay so.
+            if let (Some(core), Some(u)) = (system.core(), self.input.held()) {
+                nodes_core(system, core, u, self.dt, matrices, state, buffers);
+                continue;
+            }
             let from = if N == 0 { method.range.start } else { S::STIFF };
             let u = &mut method.input;
             nodes(
@@ -291,7 +296,96 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
     propagators[END].apply(start, rest, &mut x[from..from + size]);
 }
 
+/// The same for a system whose other states are gathered from its core. Φ being ∫ e^{As} ds, the stiff
+/// states are z₀ + Φ (A z₀ + N), with the rates at the start for the half step, and with those in the
+/// middle, less A (z − z₀), for the rest.
+#[inline(always)]
+fn nodes_core<T: Scalar, S: Dynamics<T>>(
+    system: &S,
+    core: Core,
+    u: &[T],
+    dt: f64,
+    (linear, propagators): (&[T], &[Propagator<T>; 4]),
+    x: &mut [T],
+    buffers: Buffers<'_, T>,
+) {
+    let Buffers {
+        slopes: [first, middle, early, late],
+        stage,
+        start,
+        rest,
+    } = buffers;
+    let (n, size) = (x.len(), start.len());
+    let (from, to) = core.summed;
+    let mut limited = system.core_rates(x, u, first);
+    let half = T::from(0.5 * dt);
+    for part in 0..2 {
+        for k in core.read[part].0..core.read[part].1.min(n) {
+            stage[k] = half.mul_add(first[k], x[k]);
+        }
+    }
+    propagators[MIDDLE].lead(&x[from..to], &first[from..to], &mut stage[from..to]);
+    system.straighten(stage);
+    limited = limited.or(system.core_rates(stage, u, middle));
+    for k in 0..size {
+        start[k] = stage[from + k] - x[from + k];
+    }
+    remainder(linear, start, &middle[from..to], rest);
+
+    for side in 0..2 {
+        let (node, share) = if side == 0 {
+            (&mut *early, SHARES[0])
+        } else {
+            (&mut *late, SHARES[2])
+        };
+        let before = T::from(share * dt * (1.0 - share));
+        let after = T::from(share * dt * share);
+        for part in 0..2 {
+            for k in core.read[part].0..core.read[part].1.min(n) {
+                let moved = before.mul_add(first[k], x[k]);
+                node[k] = after.mul_add(middle[k], moved);
+            }
+        }
+        propagators[2 * side].lead(&x[from..to], rest, &mut node[from..to]);
+        system.straighten(node);
+    }
+    // √(8/5): the weights of Gauss's nodes are 5, 8 and 5 in 18.
+    let share = T::from(1.264_911_064_067_351_8);
+    for part in 0..2 {
+        for k in core.read[part].0..core.read[part].1.min(n) {
+            stage[k] *= share;
+        }
+    }
+    propagators[END].lead(&x[from..to], rest, start);
+    let nodes = Nodes {
+        first: early,
+        middle: stage,
+        last: late,
+        share,
+        weight: T::from(dt * (5.0 / 18.0)),
+    };
+    system.gather(&nodes, u, limited, x);
+    for k in 0..size {
+        x[from + k] = start[k];
+    }
+}
+
 impl<T: Scalar> Propagator<T> {
+    /// z ← z₀ + (∫ e^{As} ds) rate.
+    #[inline(always)]
+    fn lead(&self, start: &[T], rate: &[T], z: &mut [T]) {
+        let size = start.len();
+        let rate = &rate[..size];
+        for i in 0..size {
+            let integral = &self.integral[i * size..(i + 1) * size];
+            let mut sum = start[i];
+            for k in 0..size {
+                sum = integral[k].mul_add(rate[k], sum);
+            }
+            z[i] = sum;
+        }
+    }
+
     /// z ← e^{Ah} z₀ + (∫ e^{As} ds) N.
     #[inline(always)]
     fn apply(&self, start: &[T], rest: &[T], z: &mut [T]) {

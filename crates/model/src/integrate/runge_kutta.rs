@@ -1,8 +1,8 @@
 //! The classical Runge–Kutta method at a fixed step.
 
 use super::{Aligned, On, Steps};
-use crate::dynamics::{Dynamics, Input, Work};
-use crate::scalar::Scalar;
+use crate::dynamics::{Core, Dynamics, Input, Nodes, Work};
+use crate::scalar::{Mask, Scalar};
 use crate::wide::{Job, widest};
 
 /// The classical Runge–Kutta method of order 4.
@@ -11,6 +11,8 @@ pub struct RungeKutta4<T> {
     slope: Vec<T>,
     sum: Vec<T>,
     stage: Vec<T>,
+    start: Vec<T>,
+    middle: Vec<T>,
     input: Vec<T>,
     /// Four. A number that the compiler does not know leaves the loop over the stages of many lanes
     /// a loop: unrolled, it takes minutes to compile and is no faster.
@@ -29,6 +31,8 @@ impl<T: Scalar> RungeKutta4<T> {
             slope: vec![T::zero(); states],
             sum: vec![T::zero(); states],
             stage: vec![T::zero(); states],
+            start: vec![T::zero(); states],
+            middle: vec![T::zero(); states],
             input: vec![T::zero(); inputs],
             stages: 4,
         }
@@ -68,45 +72,124 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
     #[inline(always)]
     fn make<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
         let (t, dt) = (self.t, self.dt);
+        // No method of `Option`: what is known of it must stay so.
+        let core = (system.core(), self.input.held());
         if N == 0 {
             let n = self.x.len();
             let RungeKutta4 {
                 slope,
                 sum,
                 stage,
+                start,
+                middle,
                 input: u,
                 stages,
             } = self.method;
             let stages = if T::LANES > 1 { *stages } else { 4 };
             let (slope, sum, stage) = (&mut slope[..n], &mut sum[..n], &mut stage[..n]);
+            let (start, middle) = (&mut start[..n], &mut middle[..n]);
             for k in 0..self.count {
-                let (t, buffers) = (
-                    dt.mul_add(k as f64, t),
-                    [&mut *slope, &mut *sum, &mut *stage],
-                );
-                step(
-                    system, self.input, t, dt, stages, u, self.x, self.mode, buffers,
-                );
+                let t = dt.mul_add(k as f64, t);
+                if let (Some(core), Some(u)) = core {
+                    let buffers = [&mut *slope, &mut *sum, &mut *stage, start, middle];
+                    step_core(system, core, u, dt, self.x, buffers);
+                } else {
+                    let buffers = [&mut *slope, &mut *sum, &mut *stage];
+                    step(
+                        system, self.input, t, dt, stages, u, self.x, self.mode, buffers,
+                    );
+                }
             }
         } else {
             // Arrays of known length need no memory but registers.
             let [mut x, mut slope, mut sum, mut stage] = [Aligned([T::zero(); N]); 4];
+            let [mut start, mut middle] = [Aligned([T::zero(); N]); 2];
             for k in 0..N {
                 x.0[k] = self.x[k];
             }
             let stages = if T::LANES > 1 { self.method.stages } else { 4 };
             let u = &mut self.method.input;
             for k in 0..self.count {
-                let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
                 let t = dt.mul_add(k as f64, t);
-                step(
-                    system, self.input, t, dt, stages, u, &mut x.0, self.mode, buffers,
-                );
+                if let (Some(core), Some(u)) = core {
+                    let buffers = [
+                        &mut slope.0[..],
+                        &mut sum.0[..],
+                        &mut stage.0[..],
+                        &mut start.0[..],
+                        &mut middle.0[..],
+                    ];
+                    step_core(system, core, u, dt, &mut x.0, buffers);
+                } else {
+                    let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
+                    step(
+                        system, self.input, t, dt, stages, u, &mut x.0, self.mode, buffers,
+                    );
+                }
             }
             for k in 0..N {
                 self.x[k] = x.0[k];
             }
         }
+    }
+}
+
+/// A step of a system whose other states are gathered from its core: by Simpson's rule, with the mean
+/// of the two inner stages in the middle, which is of the order of the method.
+#[inline(always)]
+fn step_core<T: Scalar, S: Dynamics<T>>(
+    system: &S,
+    core: Core,
+    u: &[T],
+    dt: f64,
+    x: &mut [T],
+    [slope, sum, stage, start, middle]: [&mut [T]; 5],
+) {
+    let n = x.len();
+    let (from, to) = core.summed;
+    let (half, whole) = (T::from(0.5 * dt), T::from(dt));
+    let (sixth, third) = (T::from(dt * (1.0 / 6.0)), T::from(dt * (1.0 / 3.0)));
+    let mut limited = system.core_rates(x, u, slope);
+    for k in from..to {
+        sum[k] = sixth * slope[k];
+    }
+    for part in 0..2 {
+        for k in core.read[part].0..core.read[part].1.min(n) {
+            start[k] = x[k];
+            stage[k] = half.mul_add(slope[k], x[k]);
+            middle[k] = stage[k];
+        }
+    }
+    limited = limited.or(system.core_rates(stage, u, slope));
+    for k in from..to {
+        sum[k] = third.mul_add(slope[k], sum[k]);
+    }
+    for part in 0..2 {
+        for k in core.read[part].0..core.read[part].1.min(n) {
+            stage[k] = half.mul_add(slope[k], x[k]);
+            middle[k] += stage[k];
+        }
+    }
+    limited = limited.or(system.core_rates(stage, u, slope));
+    for k in from..to {
+        sum[k] = third.mul_add(slope[k], sum[k]);
+    }
+    for part in 0..2 {
+        for k in core.read[part].0..core.read[part].1.min(n) {
+            stage[k] = whole.mul_add(slope[k], x[k]);
+        }
+    }
+    limited = limited.or(system.core_rates(stage, u, slope));
+    let nodes = Nodes {
+        first: start,
+        middle,
+        last: stage,
+        share: T::from(2.0),
+        weight: sixth,
+    };
+    system.gather(&nodes, u, limited, x);
+    for k in from..to {
+        x[k] += sixth.mul_add(slope[k], sum[k]);
     }
 }
 

@@ -204,17 +204,6 @@ impl<T: Scalar> Axle<T> {
         }
     }
 
-    /// Viscous friction alone, as of a wheel without any other.
-    #[inline(always)]
-    pub(crate) fn roll(&self, rate: T) -> Action<T> {
-        let mut action = Action {
-            rate,
-            ..Action::none()
-        };
-        action.slow(self.viscous);
-        action
-    }
-
     /// Friction alone.
     #[inline(always)]
     pub(crate) fn resist(&self, brake: T, mode: T, rate: T) -> Action<T> {

@@ -4,12 +4,11 @@
 use super::axle::{Action, Axle, Supply};
 use super::{Constant, Rolling, is_zero};
 use crate::drive::{Drive, Winding};
-use crate::dynamics::{Dynamics, Sizes, Work};
+use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work, product};
 use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, POSE, WheelOutput, YAW, renew_angle, straighten};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, times, zero_row};
-use crate::wheel::Wheel;
 
 /// The equations of a platform of constant geometry: U velocity coordinates, W wheels that take part
 /// in the dynamics, of which all (M = W) or none (M = 0) have the state of a current, and K casters
@@ -29,12 +28,15 @@ pub(super) struct Compiled<T, const U: usize, const W: usize, const M: usize, co
     /// Acceleration per component of an external wrench.
     wrench: [[T; U]; 3],
     axles: [Axle<T>; W],
-    /// The motors whose currents are states.
+    /// The motors whose currents are states, as they are and multiplied out.
     windings: [Winding<T>; M],
+    feeds: [Feed<T, U>; M],
+    /// Deceleration per velocity by viscous friction.
+    drag: [[T; U]; U],
     /// The wheels that take part, as indices.
     wheels: [usize; W],
     /// The casters that follow, and which wheels they are.
-    followers: [Follower<T>; K],
+    followers: [Follower<T, U>; K],
     casters: [usize; K],
     /// What forces and energies follow from.
     bulk: Bulk<T, U, W>,
@@ -128,33 +130,58 @@ impl<T: Scalar, const U: usize, const W: usize> Bulk<T, U, W> {
     }
 }
 
+/// A motor whose current is a state, multiplied out over the velocity coordinates.
+#[derive(Clone, Copy, Debug)]
+struct Feed<T, const U: usize> {
+    /// 1/L, 1/H, and R/L, 1/s.
+    slope: T,
+    decay: T,
+    /// Back-EMF over L, per velocity.
+    emf: [T; U],
+    /// R I_max / L, A/s: what the current may change by beside its decay before the driver limits it.
+    window: T,
+    /// Acceleration per current.
+    push: [T; U],
+}
+
+impl<T: Scalar, const U: usize> Feed<T, U> {
+    fn new(winding: &Winding<T>, spin: &[T; U], push: &[T; U]) -> Self {
+        Feed {
+            slope: winding.slope,
+            decay: winding.resistance * winding.slope,
+            emf: spin.map(|rate| winding.emf * rate * winding.slope),
+            window: winding.window * winding.slope,
+            push: push.map(|push| push * winding.torque),
+        }
+    }
+}
+
 /// A caster that follows the motion, its divisions multiplied out.
 #[derive(Clone, Copy, Debug)]
-struct Follower<T> {
-    pivot: Vec2<T>,
+struct Follower<T, const U: usize> {
+    /// Velocity of its pivot, rows over v.
+    pivot: [[T; U]; 2],
     per_trail: T,
     per_radius: T,
 }
 
-impl<T: Scalar> Follower<T> {
-    fn new(wheel: &Wheel<T>) -> Self {
-        Follower {
-            pivot: wheel.mount,
-            per_trail: T::one() / wheel.trail(),
-            per_radius: T::one() / wheel.radius,
-        }
+impl<T: Scalar, const U: usize> Follower<T, U> {
+    /// Speeds of the pivot across and along the wheel plane: the contact lies behind the pivot along
+    /// that plane, so that it moves forward as the pivot does.
+    #[inline(always)]
+    fn speeds(&self, cos: T, sin: T, v: &[T; U]) -> (T, T) {
+        let forward = vec2(cos, sin);
+        let pivot = vec2(along(&self.pivot[0], v), along(&self.pivot[1], v));
+        (forward.perpendicular().dot(pivot), forward.dot(pivot))
     }
 
-    /// γ̇ and φ̇: the contact lies behind the pivot along the wheel plane, so that it moves forward
-    /// as the pivot does.
+    /// γ̇ and φ̇.
     #[inline(always)]
-    fn rates(&self, cos: T, sin: T, velocity: Vec2<T>, yaw_rate: T) -> (T, T) {
-        let forward = vec2(cos, sin);
-        let pivot = velocity + self.pivot.perpendicular() * yaw_rate;
-        let swivel = forward.perpendicular().dot(pivot);
+    fn rates(&self, cos: T, sin: T, v: &[T; U], yaw_rate: T) -> (T, T) {
+        let (across, forward) = self.speeds(cos, sin, v);
         (
-            swivel.mul_add(self.per_trail, -yaw_rate),
-            forward.dot(pivot) * self.per_radius,
+            across.mul_add(self.per_trail, -yaw_rate),
+            forward * self.per_radius,
         )
     }
 }
@@ -230,12 +257,6 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let (dynamic, following): (Vec<usize>, Vec<usize>) =
             (0..layout.wheels).partition(|&i| platform.is_dynamic(i));
         let wheels: [usize; W] = dynamic.try_into().ok()?;
-        let followers: Vec<Follower<T>> = following
-            .iter()
-            .map(|&i| Follower::new(&platform.wheels()[i]))
-            .collect();
-        let followers: [Follower<T>; K] = followers.try_into().ok()?;
-        let casters: [usize; K] = following.try_into().ok()?;
         let motors: Vec<Winding<T>> = wheels
             .iter()
             .filter_map(|&i| match axles[i].supply {
@@ -248,10 +269,29 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         if layout.dof() != U || !layout.steered.is_empty() {
             return None;
         }
+        // So it is with a basis of fewer than two fixed axles; the multiplied-out step relies on it.
+        let yaw = platform.yaw_row();
+        for (k, &entry) in yaw.iter().enumerate().take(U) {
+            let is_last = if k == U - 1 { T::one() } else { T::zero() };
+            if entry != is_last {
+                return None;
+            }
+        }
         let short = |row: &Row<T>| -> [T; U] { core::array::from_fn(|k| row[k]) };
         let through = |row: &Row<T>| short(&times(U, inverse, row));
+        let followers: Vec<Follower<T, U>> = following
+            .iter()
+            .map(|&i| {
+                let wheel = &platform.wheels()[i];
+                Follower {
+                    pivot: platform.point_rows(wheel.mount).map(|row| short(&row)),
+                    per_trail: T::one() / wheel.trail(),
+                    per_radius: T::one() / wheel.radius,
+                }
+            })
+            .collect();
+        let followers: [Follower<T, U>; K] = followers.try_into().ok()?;
         let origin = platform.point_rows(Vec2::zero());
-        let yaw = platform.yaw_row();
         let mut gyro = [[T::zero(); U]; U];
         for column in 0..U {
             let mut of_column = zero_row();
@@ -262,10 +302,23 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
                 row[column] = through(&of_column)[k];
             }
         }
+        let casters: [usize; K] = following.try_into().ok()?;
+        let spin = wheels.map(|i| short(&reduced.spin[i]));
+        let push = wheels.map(|i| through(&reduced.spin[i]));
+        let mut drag = [[T::zero(); U]; U];
+        for w in 0..W {
+            for (k, row) in drag.iter_mut().enumerate() {
+                for (j, entry) in row.iter_mut().enumerate() {
+                    *entry += push[w][k] * axles[wheels[w]].viscous * spin[w][j];
+                }
+            }
+        }
         Some(Box::new(Compiled {
             twist: [short(&origin[0]), short(&origin[1]), short(&yaw)],
-            spin: wheels.map(|i| short(&reduced.spin[i])),
-            push: wheels.map(|i| through(&reduced.spin[i])),
+            feeds: core::array::from_fn(|w| Feed::new(&windings[w], &spin[w], &push[w])),
+            spin,
+            push,
+            drag,
             gyro,
             weight: [through(&reduced.momentum[0]), through(&reduced.momentum[1])],
             wrench: [through(&origin[0]), through(&origin[1]), through(&yaw)],
@@ -308,20 +361,15 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         alone.not().any().then_some(outside)
     }
 
-    /// Accelerations by quadratic terms, gravity and the external wrench.
+    /// Adds the accelerations by gravity and the external wrench.
     #[inline(always)]
-    fn drift<const PLAIN: bool>(
+    fn lean<const PLAIN: bool>(
         &self,
         rolling: &Rolling<T>,
         x: &[T],
-        v: &[T; U],
-        yaw_rate: T,
         wrench: &Option<[T; 3]>,
-    ) -> [T; U] {
-        let mut v_rate = [T::zero(); U];
-        for k in 0..U {
-            v_rate[k] = -yaw_rate * along(&self.gyro[k], v);
-        }
+        v_rate: &mut [T; U],
+    ) {
         if !PLAIN && !rolling.is_level {
             let gravity = rolling.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
             for k in 0..U {
@@ -338,27 +386,34 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
                 );
             }
         }
+    }
+
+    /// Accelerations by quadratic terms, gravity and the external wrench.
+    #[inline(always)]
+    fn drift(
+        &self,
+        rolling: &Rolling<T>,
+        x: &[T],
+        v: &[T; U],
+        yaw_rate: T,
+        wrench: &Option<[T; 3]>,
+    ) -> [T; U] {
+        let mut v_rate = [T::zero(); U];
+        for k in 0..U {
+            v_rate[k] = -yaw_rate * along(&self.gyro[k], v);
+        }
+        self.lean::<false>(rolling, x, wrench, &mut v_rate);
         v_rate
     }
 
     /// The terms of [`Rolling::forces`], in the order of the data. Loops, not closures: a closure is
     /// a function of its own, compiled without the instruction set that the step was entered with.
-    ///
-    /// On level ground, with hands off and without dry friction, which is the rule, a PLAIN one has
-    /// the same bits and no branches.
     #[inline(always)]
-    fn derivative<const PLAIN: bool>(
-        &self,
-        rolling: &Rolling<T>,
-        x: &[T],
-        u: &[T],
-        mode: &[T],
-        dx: &mut [T],
-    ) {
+    fn derivative(&self, rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
         let (v, velocity, yaw_rate) = self.motion(x);
         let brake = u[rolling.platform.layout().brake_input()];
-        let wrench = self.wrench::<PLAIN>(rolling, u);
-        let mut v_rate = self.drift::<PLAIN>(rolling, x, &v, yaw_rate, &wrench);
+        let wrench = self.wrench::<false>(rolling, u);
+        let mut v_rate = self.drift(rolling, x, &v, yaw_rate, &wrench);
         // Plain products: their sum over two wheels is the same whichever comes first, so that a
         // mirrored robot moves as its mirror image to the last bit.
         let mut pushed = [T::zero(); U];
@@ -368,19 +423,13 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             let i = self.wheels[w];
             let rate = along(&self.spin[w], &v);
             let axle = &self.axles[w];
-            let mut action = if PLAIN {
-                axle.roll(rate)
-            } else {
-                axle.resist(brake, mode[i], rate)
-            };
+            let mut action = axle.resist(brake, mode[i], rate);
             if M == 0 {
                 axle.drive(&mut action, u[i], T::zero());
             } else {
                 action.drive(&self.windings[w], u[i], x[Self::CURRENTS + w]);
             }
-            if !PLAIN {
-                sticking |= action.stuck.any();
-            }
+            sticking |= action.stuck.any();
             dx[Self::SPINS + w] = action.rate;
             if M > 0 {
                 dx[Self::CURRENTS + w] = action.current_rate;
@@ -401,22 +450,211 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             dx[POSE + k] = v_rate[k];
         }
         rolling.pose_rates(x, velocity, yaw_rate, dx);
-        self.follow(x, velocity, yaw_rate, dx);
+        self.follow(x, &v, yaw_rate, dx);
         bill.close(&wrench, velocity, yaw_rate, &mut dx[Self::LEDGER..]);
     }
 
     /// Rates of the casters that follow.
     #[inline(always)]
-    fn follow(&self, x: &[T], velocity: Vec2<T>, yaw_rate: T, dx: &mut [T]) {
+    fn follow(&self, x: &[T], v: &[T; U], yaw_rate: T, dx: &mut [T]) {
         for k in 0..K {
             let at = Self::SWIVELS + 3 * k;
             let (cos, sin) = (x[at + 1], x[at + 2]);
-            let (swivel, spin) = self.followers[k].rates(cos, sin, velocity, yaw_rate);
+            let (swivel, spin) = self.followers[k].rates(cos, sin, v, yaw_rate);
             dx[at] = swivel;
             dx[at + 1] = -(sin * swivel);
             dx[at + 2] = cos * swivel;
             dx[Self::SPINS + W + k] = spin;
         }
+    }
+
+    /// What the stages of a step are for where all wheels have motors and no dry friction: the
+    /// velocities and currents, and for the forces and casters that turn with the robot the cosines
+    /// and sines.
+    const CORE: Core = Core {
+        read: [
+            (YAW + 1, POSE + U + M),
+            (Self::SWIVELS, Self::SWIVELS + 3 * K),
+        ],
+        summed: (POSE, POSE + U + M),
+    };
+
+    /// See [`Dynamics::core_rates`]; the equations of [`Self::derivative`], linear terms multiplied out.
+    ///
+    /// On level ground with hands off, which is the rule, a PLAIN one has the same bits.
+    #[inline(always)]
+    fn core_rates<const PLAIN: bool>(
+        &self,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        rates: &mut [T],
+    ) -> T::Mask {
+        let mut v = [T::zero(); U];
+        for k in 0..U {
+            v[k] = x[POSE + k];
+        }
+        // The last velocity coordinate is the yaw rate, see `new`.
+        let yaw_rate = v[U - 1];
+        // L İ + R I over L: what the voltage leaves of the back-EMF.
+        let mut driven = [T::zero(); M];
+        let mut over = [T::Mask::splat(false); M];
+        let mut limited = T::Mask::splat(false);
+        for w in 0..M {
+            let feed = &self.feeds[w];
+            driven[w] = feed.slope * self.windings[w].supplied_voltage(u[self.wheels[w]]);
+            for k in 0..U {
+                driven[w] = (-feed.emf[k]).mul_add(v[k], driven[w]);
+            }
+            over[w] = feed.window.less(driven[w].abs());
+            limited = limited.or(over[w]);
+        }
+        if limited.any() {
+            for w in 0..M {
+                let winding = &self.windings[w];
+                let emf = winding.emf * along(&self.spin[w], &v);
+                let voltage = winding.terminal_voltage(u[self.wheels[w]], emf);
+                driven[w] = T::select(over[w], winding.slope * (voltage - emf), driven[w]);
+            }
+        }
+        // Plain products: their sum over two wheels is the same whichever comes first, so that a
+        // mirrored robot moves as its mirror image to the last bit.
+        let mut v_rate = [T::zero(); U];
+        for w in 0..M {
+            let feed = &self.feeds[w];
+            let current = x[Self::CURRENTS + w];
+            rates[Self::CURRENTS + w] = (-feed.decay).mul_add(current, driven[w]);
+            for k in 0..U {
+                let push = feed.push[k] * current;
+                v_rate[k] = if w == 0 { push } else { v_rate[k] + push };
+            }
+        }
+        for k in 0..U {
+            for j in 0..U {
+                let slowing = self.gyro[k][j].mul_add(yaw_rate, self.drag[k][j]);
+                v_rate[k] = (-slowing).mul_add(v[j], v_rate[k]);
+            }
+        }
+        let wrench = self.wrench::<PLAIN>(rolling, u);
+        self.lean::<PLAIN>(rolling, x, &wrench, &mut v_rate);
+        for k in 0..U {
+            rates[POSE + k] = v_rate[k];
+        }
+        rates[YAW + 1] = -(x[YAW + 2] * yaw_rate);
+        rates[YAW + 2] = x[YAW + 1] * yaw_rate;
+        self.follow(x, &v, yaw_rate, rates);
+        limited
+    }
+
+    /// See [`Dynamics::gather`].
+    #[inline(always)]
+    fn gather<const PLAIN: bool>(
+        &self,
+        rolling: &Rolling<T>,
+        nodes: &Nodes<'_, T>,
+        u: &[T],
+        limited: T::Mask,
+        x: &mut [T],
+    ) {
+        let weight = nodes.weight;
+        let mut v = [[T::zero(); U]; 3];
+        for node in 0..3 {
+            for k in 0..U {
+                v[node][k] = nodes.state(POSE + k)[node];
+            }
+        }
+        // Short loops: one that is too long to be unrolled leaves all states in memory.
+        let mut rate = [[T::zero(); 3]; M];
+        let mut current = [[T::zero(); 3]; M];
+        for w in 0..M {
+            for node in 0..3 {
+                rate[w][node] = along(&self.spin[w], &v[node]);
+            }
+            current[w] = nodes.state(Self::CURRENTS + w);
+        }
+        let mut bill = Bill::new();
+        for w in 0..M {
+            let winding = &self.windings[w];
+            let voltage = winding.supplied_voltage(u[self.wheels[w]]);
+            bill.supplied += voltage * nodes.sum(current[w]);
+            bill.windings += winding.resistance * product(current[w], current[w]);
+        }
+        for w in 0..M {
+            let winding = &self.windings[w];
+            bill.gears += (winding.emf - winding.torque) * product(rate[w], current[w]);
+            bill.friction += self.axles[w].viscous * product(rate[w], rate[w]);
+        }
+        for w in 0..M {
+            let at = Self::SPINS + w;
+            x[at] = weight.mul_add(nodes.sum(rate[w]), x[at]);
+        }
+        if limited.any() {
+            let mut missing = T::zero();
+            for w in 0..M {
+                let winding = &self.windings[w];
+                let command = u[self.wheels[w]];
+                let mut voltage = [T::zero(); 3];
+                for node in 0..3 {
+                    let share = if node == 1 { nodes.share } else { T::one() };
+                    let emf = winding.emf * (rate[w][node] / share);
+                    let limit = winding.terminal_voltage(command, emf);
+                    voltage[node] = share * (limit - winding.supplied_voltage(command));
+                }
+                missing += product(voltage, current[w]);
+            }
+            bill.supplied += T::select(limited, missing, T::zero());
+        }
+        if let Some(outside) = self.wrench::<PLAIN>(rolling, u) {
+            for axis in 0..3 {
+                let mut moved = [T::zero(); 3];
+                for node in 0..3 {
+                    moved[node] = along(&self.twist[axis], &v[node]);
+                }
+                bill.supplied = outside[axis].mul_add(nodes.sum(moved), bill.supplied);
+            }
+        }
+        let powers = [bill.supplied, bill.windings, bill.gears, bill.friction];
+        for k in 0..LEDGER {
+            let at = Self::LEDGER + k;
+            x[at] = weight.mul_add(powers[k], x[at]);
+        }
+
+        let turned = weight * nodes.sum(nodes.state(POSE + U - 1));
+        for k in 0..K {
+            let follower = &self.followers[k];
+            let at = Self::SWIVELS + 3 * k;
+            let (cos, sin) = (nodes.state(at + 1), nodes.state(at + 2));
+            // Both are products of a direction and a velocity.
+            let (mut across, mut forward) = follower.speeds(cos[0], sin[0], &v[0]);
+            for node in 1..3 {
+                let more = follower.speeds(cos[node], sin[node], &v[node]);
+                across += more.0;
+                forward += more.1;
+            }
+            x[at] += (weight * follower.per_trail).mul_add(across, -turned);
+            let at = Self::SPINS + W + k;
+            x[at] = (weight * follower.per_radius).mul_add(forward, x[at]);
+        }
+
+        // The last velocity coordinate turns P about a point of the robot: exactly a part of a circle.
+        let (cos, sin) = (nodes.state(YAW + 1), nodes.state(YAW + 2));
+        let mut way = Vec2::zero();
+        for k in 0..U - 1 {
+            let speed = nodes.state(POSE + k);
+            let travel = vec2(self.twist[0][k], self.twist[1][k])
+                .rotated(product(cos, speed), product(sin, speed));
+            way = if k == 0 { travel } else { way + travel };
+        }
+        let arm = vec2(self.twist[1][U - 1], -self.twist[0][U - 1]);
+        let (before_cos, before_sin) = (x[YAW + 1], x[YAW + 2]);
+        x[YAW] += turned;
+        renew_angle(x, YAW);
+        for k in 0..K {
+            renew_angle(x, Self::SWIVELS + 3 * k);
+        }
+        let swung = arm.rotated(x[YAW + 1] - before_cos, x[YAW + 2] - before_sin);
+        x[0] += weight.mul_add(way.x, swung.x);
+        x[1] += weight.mul_add(way.y, swung.y);
     }
 
     /// As [`Rolling::any_motion`], where no wheel can stick.
@@ -434,7 +672,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         }
         for k in 0..K {
             let at = Self::SWIVELS + 3 * k;
-            let (swivel, spin) = self.followers[k].rates(x[at + 1], x[at + 2], velocity, yaw_rate);
+            let (swivel, spin) = self.followers[k].rates(x[at + 1], x[at + 2], &v, yaw_rate);
             let i = self.casters[k];
             y[layout.wheel_output(i, WheelOutput::SpinRate)] = spin;
             y[layout.wheel_output(i, WheelOutput::SteeringRate)] = swivel;
@@ -450,7 +688,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let (v, velocity, yaw_rate) = self.motion(x);
         let brake = u[layout.brake_input()];
         let wrench = self.wrench::<false>(rolling, u);
-        let mut v_rate = self.drift::<false>(rolling, x, &v, yaw_rate, &wrench);
+        let mut v_rate = self.drift(rolling, x, &v, yaw_rate, &wrench);
         let mut torques = [T::zero(); W];
         let mut magnetic = T::zero();
         let mut pushed = [T::zero(); U];
@@ -566,7 +804,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     }
 }
 
-/// A [`Rolling`] whose sizes the compiler knows, PLAIN as for [`Compiled::derivative`].
+/// A [`Rolling`] whose sizes the compiler knows, PLAIN as for [`Compiled::core_rates`].
 struct Twin<
     'a,
     T: Scalar,
@@ -595,8 +833,12 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, 
     }
     #[inline(always)]
     fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
-        self.compiled
-            .derivative::<PLAIN>(self.rolling, x, u, mode, dx);
+        if PLAIN {
+            // Not asked for: a core has its own rates.
+            self.rolling.derivative(x, u, mode, dx);
+        } else {
+            self.compiled.derivative(self.rolling, x, u, mode, dx);
+        }
     }
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
         self.rolling.output(x, u, mode, y);
@@ -616,6 +858,23 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, 
         if !PLAIN && self.rolling.any_rubs {
             super::come_to_rest(self.rolling, x, u, mode);
         }
+    }
+    #[inline(always)]
+    fn core(&self) -> Option<Core> {
+        if M > 0 && (PLAIN || self.rolling.is_gathered) {
+            Some(Compiled::<T, U, W, M, K>::CORE)
+        } else {
+            None
+        }
+    }
+    #[inline(always)]
+    fn core_rates(&self, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
+        self.compiled.core_rates::<PLAIN>(self.rolling, x, u, rates)
+    }
+    #[inline(always)]
+    fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
+        self.compiled
+            .gather::<PLAIN>(self.rolling, nodes, u, limited, x);
     }
     #[inline(always)]
     fn straighten(&self, stage: &mut [T]) {
@@ -653,6 +912,38 @@ macro_rules! shapes {
                 None
             }
 
+            /// See [`Dynamics::core`], where all wheels have motors.
+            pub(super) fn core(&self) -> Option<Core> {
+                match self {
+                    $(Shape::$name(_) => ($m > 0).then_some(Compiled::<T, $u, $w, $m, $k>::CORE),)*
+                }
+            }
+
+            #[inline(always)]
+            fn core_rates(&self, rolling: &Rolling<T>, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
+                match self {
+                    $(Shape::$name(compiled) => {
+                        compiled.core_rates::<false>(rolling, x, u, rates)
+                    })*
+                }
+            }
+
+            #[inline(always)]
+            fn gather(
+                &self,
+                rolling: &Rolling<T>,
+                nodes: &Nodes<'_, T>,
+                u: &[T],
+                limited: T::Mask,
+                x: &mut [T],
+            ) {
+                match self {
+                    $(Shape::$name(compiled) => {
+                        compiled.gather::<false>(rolling, nodes, u, limited, x)
+                    })*
+                }
+            }
+
             /// The motion, as for [`Self::output`].
             #[inline(always)]
             fn motion(&self, rolling: &Rolling<T>, x: &[T], y: &mut [T]) {
@@ -681,7 +972,7 @@ macro_rules! shapes {
             ) {
                 match self {
                     $(Shape::$name(compiled) => {
-                        compiled.derivative::<false>(rolling, x, u, mode, dx)
+                        compiled.derivative(rolling, x, u, mode, dx)
                     })*
                 }
             }
@@ -729,6 +1020,33 @@ fused! {
 }
 
 fused! {
+    /// See [`Dynamics::core_rates`].
+    pub(super) fn core_rates<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        rates: &mut [T],
+    ) -> T::Mask {
+        shape.core_rates(rolling, x, u, rates)
+    }
+}
+
+fused! {
+    /// See [`Dynamics::gather`].
+    pub(super) fn gather<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        nodes: &Nodes<'_, T>,
+        u: &[T],
+        limited: T::Mask,
+        x: &mut [T],
+    ) {
+        shape.gather(rolling, nodes, u, limited, x);
+    }
+}
+
+fused! {
     /// See [`Shape::motion`].
     pub(super) fn motion<T: Scalar>(
         shape: &Shape<T>,
@@ -772,7 +1090,7 @@ mod tests {
     use crate::drive::DcMotor;
     use crate::ground::Ground;
     use crate::platform::{Body, Platform};
-    use crate::wheel::{Rim, Steering};
+    use crate::wheel::{Rim, Steering, Wheel};
 
     fn wheel(mount: [f64; 2], rim: Rim<f64>, drive: Drive<f64>) -> Wheel<f64> {
         Wheel {

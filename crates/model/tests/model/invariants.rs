@@ -1,17 +1,17 @@
 //! What must hold whatever the numbers: energy, frames, mirrors, time reversal, parity of scalars.
 
 use crate::common::{Differential, Method, SLEIGH, integrate, motor};
-use appell_model::drive::Drive;
+use appell_model::drive::{DcMotor, Drive};
 use appell_model::dual::Dual;
 use appell_model::dynamics::{Dynamics, Held};
 use appell_model::ground::Ground;
-use appell_model::integrate::RungeKutta4;
-use appell_model::lanes::Lanes4;
+use appell_model::integrate::{Exponential, RungeKutta4};
+use appell_model::lanes::{AnyLanes, Lanes4, dispatch};
 use appell_model::planar::vec2;
-use appell_model::platform::{Platform, YAW};
+use appell_model::platform::{Body, Platform, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
-use appell_model::wheel::contact_velocity;
+use appell_model::wheel::{Rim, Steering, Wheel, contact_velocity};
 
 fn driven() -> Differential {
     Differential {
@@ -199,6 +199,162 @@ fn invariant_scalars_agree() {
     let x = steps(&duals, &x0, &held, 3000);
     for k in 0..size.state {
         assert_eq!(x[k].value.to_bits(), runs[1][k].to_bits(), "state {k}");
+    }
+}
+
+/// Energy in = stored + heat, also while the driver holds the voltage back to limit the current.
+#[test]
+fn invariant_energy_ledger_at_the_current_limit() {
+    let Drive::DcMotor(free) = motor(1e-3) else {
+        unreachable!("a motor is a motor");
+    };
+    let robot = Differential {
+        drive: Drive::DcMotor(DcMotor {
+            current_max: 2.0,
+            ..free
+        }),
+        viscous: 1e-3,
+        ..SLEIGH
+    };
+    let system = robot.rolling(Ground::flat(9.81));
+    let mut u = vec![0.0; system.sizes().input];
+    (u[0], u[1]) = (20.0, 12.0);
+    let x0 = robot.state([0.0; 3], [0.0; 2]);
+    // The limit begins and ends within a step, where the methods are of low order; the exponential one
+    // takes the voltage at the limit as of the middle of the step.
+    for (method, tolerance) in [(Method::Rk4(1e-4), 1e-6), (Method::Exponential(1e-4), 1e-5)] {
+        let (x, _) = integrate(&system, &x0, &u, 1.0, method);
+        let (residual, throughput) = ledger(&system, &x, &u, 0.0);
+        assert!(
+            residual.abs() < tolerance * throughput,
+            "{method:?}: {residual:e} of {throughput}"
+        );
+    }
+}
+
+/// Robots with motors side by side: the second is held back by its current limit, and where they are
+/// `disturbed` the third is pushed and the fourth stands on a slope.
+#[derive(Clone, Copy)]
+struct Neighbors {
+    disturbed: bool,
+    is_exponential: bool,
+    has_caster: bool,
+    /// One of them, on all lanes.
+    only: Option<usize>,
+}
+
+impl AnyLanes for Neighbors {
+    type Output = Vec<Vec<u64>>;
+
+    fn run<T: Scalar<Single = f64>>(self) -> Vec<Vec<u64>> {
+        let of = |values: [f64; 4]| T::from_lanes(|lane| values[self.only.unwrap_or(lane) % 4]);
+        let zero = T::zero();
+        let wheel = |name: &str, side: f64| Wheel {
+            name: name.into(),
+            mount: vec2(T::from(0.01), T::from(side)),
+            radius: of([0.05, 0.051, 0.052, 0.053]),
+            steering: Steering::Fixed { angle: zero },
+            rim: Rim::Plain,
+            mass: T::from(0.3),
+            inertia_vertical: zero,
+            spin_inertia: T::from(1e-3),
+            viscous: of([1e-3, 0.0, 2e-3, 1e-3]),
+            pivot_viscous: zero,
+            dry_friction: zero,
+            friction_rounding: zero,
+            stiffness: T::one(),
+            brake: zero,
+            drive: Drive::DcMotor(DcMotor {
+                resistance: T::from(1.2),
+                inductance: T::from(1.2e-3),
+                torque_constant: T::from(0.05),
+                back_emf_constant: T::from(0.05),
+                gear_ratio: T::from(20.0),
+                gear_efficiency: T::from(0.8),
+                voltage_max: T::from(24.0),
+                current_max: of([100.0, 0.5, 100.0, 100.0]),
+            }),
+        };
+        let mut wheels = vec![wheel("left", 0.15), wheel("right", -0.16)];
+        if self.has_caster {
+            wheels.push(Wheel {
+                steering: Steering::Free {
+                    trail: T::from(0.03),
+                },
+                mass: zero,
+                spin_inertia: zero,
+                viscous: zero,
+                drive: Drive::None,
+                ..wheel("caster", -0.05)
+            });
+        }
+        let body = Body {
+            mass: of([9.0, 9.1, 9.2, 9.3]),
+            inertia_com: T::from(0.1),
+            center_of_mass: vec2(T::from(0.05), T::from(0.01)),
+            com_height: T::from(0.1),
+        };
+        let platform = Platform::new(body, wheels).expect("a platform");
+        let strength = T::from(f64::from(u8::from(self.disturbed)));
+        let ground = Ground {
+            gravity: vec2(
+                of([0.0, 0.0, 0.0, 0.7]) * strength,
+                of([0.0, 0.0, 0.0, -0.4]) * strength,
+            ),
+            gravity_normal: T::from(9.7),
+        };
+        let system = Rolling::new(platform, ground);
+        let (sizes, layout) = (system.sizes(), system.platform().layout().clone());
+        let mut x = vec![zero; sizes.state];
+        system.platform().renew_angles(&mut x);
+        let mut u = vec![zero; sizes.input];
+        (u[0], u[1]) = (of([6.0, 7.0, 5.0, 6.0]), of([5.0, -4.0, 30.0, 5.0]));
+        for (k, push) in [3.0, -1.0, 0.2].into_iter().enumerate() {
+            u[layout.wrench_input() + k] = of([0.0, 0.0, push, 0.0]) * strength;
+        }
+        let mut mode = vec![T::one(); sizes.mode];
+        if self.is_exponential {
+            let mut method = Exponential::new(&system, 1e-3).expect("motors are linear");
+            method.steps(&system, &Held(&u), 0.0, 1e-3, 500, &mut x, &mut mode);
+        } else {
+            let mut method = RungeKutta4::new(sizes.state, sizes.input);
+            method.steps(&system, &Held(&u), 0.0, 1e-3, 500, &mut x, &mut mode);
+        }
+        let bits = |lane: usize| x.iter().map(|value| value.lane(lane).to_bits()).collect();
+        (0..T::LANES.min(4)).map(bits).collect()
+    }
+}
+
+/// What a neighbor in the lanes goes through changes no bit of a robot, whatever the registers, and
+/// though steps are then made in another way.
+#[test]
+fn invariant_neighbors_change_no_bit() {
+    let choices = [false, true];
+    let all = choices.iter().flat_map(|a| choices.map(|b| (*a, b)));
+    for (is_exponential, has_caster) in all {
+        let neighbors = |disturbed: bool, only: Option<usize>| Neighbors {
+            disturbed,
+            is_exponential,
+            has_caster,
+            only,
+        };
+        for disturbed in choices {
+            let alone: Vec<Vec<u64>> = (0..4)
+                .map(|k| dispatch(1, neighbors(disturbed, Some(k))).remove(0))
+                .collect();
+            for lanes in [4, 8] {
+                let together = dispatch(lanes, neighbors(disturbed, None));
+                let count = together.len();
+                assert_eq!(together, alone[..count], "{lanes} lanes");
+            }
+            let portable = neighbors(disturbed, None).run::<Lanes4>();
+            assert_eq!(portable, alone, "portable lanes");
+        }
+        // The first two are not pushed either way.
+        for k in 0..2 {
+            let of = |disturbed: bool| dispatch(1, neighbors(disturbed, Some(k)));
+            assert_eq!(of(false), of(true), "robot {k}");
+        }
     }
 }
 

@@ -333,7 +333,7 @@ const ODOMETRY: &str =
     "[{ kind = \"odometry\", period = 0.01, resolution = 2048, angle_std = 0.002 }]";
 
 /// The root of [`quick`], on every machine.
-const QUICK_ROOT: &str = "1e3dc523770b738a0c7adbe93d1e0b612e6183dd7fad3aa898bf8bb547fe69a9";
+const QUICK_ROOT: &str = "10694636884b6edc9f8dea6788dc84f5b3e0036084b21ac89d4a8fed332a6bfb";
 
 /// The matrix of threads, lanes and shards; `crates/cli/tests/robust.rs` adds the build profiles.
 #[test]
