@@ -185,10 +185,13 @@ pub struct PlotOptions {
 pub struct CompareOptions {
     /// Scenario file.
     pub scenario: PathBuf,
-    /// Levels, separated by commas.
+    /// Levels, separated by commas: kinematic, rolling, slip.
     #[arg(long, value_delimiter = ',', default_value = "kinematic,rolling")]
     pub levels: Vec<String>,
-    /// Drives at level rolling, separated by commas [default: torque, and dc-motor where the robots
+    /// Distance, m, beyond which one level has left another.
+    #[arg(long, default_value_t = 0.01)]
+    pub beyond: f64,
+    /// Drives at levels rolling and slip, separated by commas [default: torque, and dc-motor where the robots
     /// have motors].
     #[arg(long, value_delimiter = ',')]
     pub drives: Option<Vec<String>>,

@@ -1,6 +1,6 @@
 //! `appell compare`.
 
-use appell_sim::compare::{Entry, block, divergence, drives};
+use appell_sim::compare::{Entry, block, divergence, drives, parting};
 use appell_sim::record::Memory;
 use appell_sim::report::{self, Press};
 use appell_sim::run::Run;
@@ -26,6 +26,11 @@ pub fn compare(options: &CompareOptions) -> u8 {
                 .map_or(vec!["torque".into()], |loaded| drives(&loaded.scenario))
         }
     };
+    if !(options.beyond.is_finite() && options.beyond > 0.0) {
+        let got = options.beyond;
+        terminal::error(&format!("--beyond: must be a distance > 0 in m, got {got}"));
+        return exit::BAD_INPUT;
+    }
     let mut variants: Vec<(String, Changes)> = Vec::new();
     for level in &options.levels {
         let changes = |drive: Option<&String>| Changes {
@@ -80,7 +85,7 @@ pub fn compare(options: &CompareOptions) -> u8 {
             last.summary.scenario.trim_end_matches("-compare")
         ),
     );
-    terminal::print(&table(&entries));
+    terminal::print(&table(&entries, options.beyond));
     let mut data = report::data(&last.recording, &last.summary);
     data["comparison"] = block(&entries);
     let drawn = Press::new().and_then(|press| {
@@ -148,7 +153,49 @@ fn apart_plot(entries: &[Entry]) -> serde_json::Value {
     json!({"title": format!("distance from the {} run at the same instant", entries[0].label), "unit": "mm", "scale": 1000.0, "lines": lines, "limits": []})
 }
 
-fn table(entries: &[Entry]) -> String {
+/// Level and drive of a label.
+fn parts(label: &str) -> (&str, Option<&str>) {
+    label
+        .split_once(", ")
+        .map_or((label, None), |(level, drive)| (level, Some(drive)))
+}
+
+/// Where each run leaves the one of the level before it with the same drive.
+fn partings(entries: &[Entry], limit: f64) -> String {
+    let mut text = String::new();
+    for (k, entry) in entries.iter().enumerate() {
+        let (level, drive) = parts(&entry.label);
+        let before = entries[..k].iter().rev().find(|other| {
+            let (other_level, other_drive) = parts(&other.label);
+            other_level != level && (other_drive == drive || other_drive.is_none())
+        });
+        let Some(before) = before else { continue };
+        let apart = format!("{} leaves {}", entry.label, before.label);
+        let Some(parting) = parting(entry, before, limit) else {
+            text.push_str(&format!(
+                "{apart}: never by more than {:.0} mm\n",
+                1e3 * limit
+            ));
+            continue;
+        };
+        let [x, y] = parting.place;
+        text.push_str(&format!(
+            "{apart}: by more than {:.0} mm from {:.2} s at ({x:.2}, {y:.2})",
+            1e3 * limit,
+            parting.time
+        ));
+        if let Some([now, highest]) = parting.demand {
+            text.push_str(&format!(
+                ", where friction of {:.2} is asked for ({}); until then at most {:.2} ({})",
+                now.0, now.1, highest.0, highest.1
+            ));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn table(entries: &[Entry], limit: f64) -> String {
     let mut text = format!(
         "{:22} {:8} {:>8} {:>8} {:>12} {:>20} {:>14}\n",
         "level, drive",
@@ -157,7 +204,7 @@ fn table(entries: &[Entry]) -> String {
         "path, m",
         "clearance, m",
         "apart, mm",
-        "beyond 10 mm"
+        format!("beyond {:.0} mm", 1e3 * limit)
     );
     for (k, entry) in entries.iter().enumerate() {
         let robot = &entry.summary.robots[0];
@@ -171,7 +218,7 @@ fn table(entries: &[Entry]) -> String {
             let divergence = divergence(entry, &entries[0]);
             let (largest, at) = divergence.largest();
             let beyond = divergence
-                .first_beyond(0.01)
+                .first_beyond(limit)
                 .map_or("never".into(), |t| format!("from {t:.2} s"));
             (format!("{:.1} at {at:.2} s", 1e3 * largest), beyond)
         };
@@ -186,5 +233,5 @@ fn table(entries: &[Entry]) -> String {
             beyond
         ));
     }
-    text
+    text + &partings(entries, limit)
 }

@@ -44,6 +44,35 @@ pub enum SlipOutput {
 /// Rolling speed below which slip ratios are taken against this, m/s.
 const SLOWEST: f64 = 1e-3;
 
+/// A part of the ground with a friction coefficient of its own: a rectangle along the world's axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch<T> {
+    /// Its corner with the smallest coordinates, m.
+    pub low: Vec2<T>,
+    /// Its corner with the largest, m.
+    pub high: Vec2<T>,
+    /// Friction coefficient in sliding.
+    pub friction: T,
+}
+
+impl<T: Scalar> Patch<T> {
+    /// Whether a point of the world lies on it.
+    #[inline(always)]
+    pub fn holds(&self, point: Vec2<T>) -> T::Mask {
+        let x = self
+            .low
+            .x
+            .less_equal(point.x)
+            .and(point.x.less_equal(self.high.x));
+        let y = self
+            .low
+            .y
+            .less_equal(point.y)
+            .and(point.y.less_equal(self.high.y));
+        x.and(y)
+    }
+}
+
 /// How normal loads follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loads {
@@ -68,6 +97,7 @@ pub struct Slip<T: Scalar> {
     platform: Platform<T>,
     ground: Ground<T>,
     tires: Vec<Tire<T>>,
+    patches: Vec<Patch<T>>,
     axles: Vec<Axle<T>>,
     support: Option<Support<T>>,
     /// Loads without lifted wheels: Nᵢ = aᵢ + bᵢ · F.
@@ -194,6 +224,7 @@ impl<T: Scalar> Slip<T> {
             spin_inertia,
             ground,
             tires,
+            patches: Vec::new(),
             axles,
             support,
             loads,
@@ -204,6 +235,27 @@ impl<T: Scalar> Slip<T> {
             weight,
             platform,
         })
+    }
+
+    /// The same on a ground with these patches; of those that overlap the last counts.
+    pub fn on_patches(mut self, patches: Vec<Patch<T>>) -> Self {
+        self.patches = patches;
+        self
+    }
+
+    /// The contact law of wheel i where it stands.
+    #[inline(always)]
+    fn tire(&self, i: usize, x: &[T], contact: Vec2<T>) -> Tire<T> {
+        let tire = self.tires[i];
+        if self.patches.is_empty() {
+            return tire;
+        }
+        let place = vec2(x[0], x[1]) + contact.rotated(x[YAW + 1], x[YAW + 2]);
+        let mut friction = tire.kinetic();
+        for patch in &self.patches {
+            friction = T::select(patch.holds(place), patch.friction, friction);
+        }
+        tire.on_friction(friction)
     }
 
     /// The platform, its wheels released from rolling.
@@ -380,7 +432,8 @@ impl<T: Scalar> Slip<T> {
             let slip = vec2(along.dot(carried) - lever * rate, across.dot(carried));
             let z = self.deflection(i);
             let rolling = (lever * rate).abs();
-            let grip = self.tires[i].force(slip, vec2(x[z], x[z + 1]), rolling);
+            let tire = self.tire(i, x, frame.contact);
+            let grip = tire.force(slip, vec2(x[z], x[z + 1]), rolling);
             contacts.slip[i] = slip;
             contacts.grip[i] = grip;
             pull[i] = along * grip.x + across * grip.y;
@@ -528,7 +581,8 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
             dx[rate] = T::select(action.stuck, T::zero(), net / self.spin_inertia[i]);
             let slip = contacts.slip[i];
             let rolling = (lever * x[rate]).abs();
-            let moved = self.tires[i].rate(slip, vec2(x[z], x[z + 1]), rolling);
+            let tire = self.tire(i, x, frame.contact);
+            let moved = tire.rate(slip, vec2(x[z], x[z + 1]), rolling);
             (dx[z], dx[z + 1]) = (moved.x, moved.y);
             if let Some(at) = self.axles[i].current() {
                 dx[at] = action.current_rate;
@@ -587,7 +641,7 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
             let slip = contacts.slip[i];
             let rolling = (lever * spin).abs().max(T::from(SLOWEST));
             let carried = velocity + frame.contact.perpendicular() * yaw_rate;
-            let most = self.tires[i].friction(slip) * contacts.load[i];
+            let most = self.tire(i, x, frame.contact).friction(slip) * contacts.load[i];
             let bears = T::zero().less(most);
             let used = draw.dot(draw).sqrt() / T::select(bears, most, T::one());
             let ahead = frame.forward.dot(carried).abs().max(T::from(SLOWEST));

@@ -307,12 +307,18 @@ impl<T: Scalar> Tire<T> {
     }
 
     /// The same law on a ground of this friction coefficient, in place of its own in sliding.
+    #[inline(always)]
     pub fn on_friction(&self, coefficient: T) -> Self {
-        let own = match self {
+        self.on(coefficient / self.kinetic())
+    }
+
+    /// Its friction coefficient in sliding, or at the peak.
+    #[inline(always)]
+    pub fn kinetic(&self) -> T {
+        match self {
             Tire::Coulomb { friction, .. } | Tire::Lugre { friction, .. } => friction.kinetic,
             Tire::Slip { curve, .. } => curve.friction(),
-        };
-        self.on(coefficient / own)
+        }
     }
 
     /// The same law on a ground with another grip: `grip` times the friction.

@@ -183,6 +183,9 @@ pub enum Terrain {
         /// own, at level `rolling` to judge the contact forces by.
         #[serde(default)]
         friction: Option<f64>,
+        /// Parts of the ground with a friction of their own, for level `slip`.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        patch: Vec<Patch>,
     },
     /// An inclined plane; the arena lies in it.
     Plane {
@@ -198,7 +201,32 @@ pub enum Terrain {
         /// own, at level `rolling` to judge the contact forces by.
         #[serde(default)]
         friction: Option<f64>,
+        /// Parts of the ground with a friction of their own, for level `slip`.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        patch: Vec<Patch>,
     },
+}
+
+/// A rectangle of the ground with a friction coefficient of its own. Of patches that overlap the last
+/// counts.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Patch {
+    /// Its corner with the smallest coordinates, m.
+    pub low: [f64; 2],
+    /// Its corner with the largest coordinates, m.
+    pub high: [f64; 2],
+    /// Coefficient of friction.
+    pub friction: f64,
+}
+
+impl Terrain {
+    /// Its patches.
+    pub fn patches(&self) -> &[Patch] {
+        match self {
+            Terrain::Flat { patch, .. } | Terrain::Plane { patch, .. } => patch,
+        }
+    }
 }
 
 impl Default for Terrain {
@@ -206,6 +234,7 @@ impl Default for Terrain {
         Terrain::Flat {
             gravity: defaults::gravity(),
             friction: None,
+            patch: Vec::new(),
         }
     }
 }

@@ -10,6 +10,7 @@ use appell_model::planar::vec2;
 use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
+use appell_model::slip::Patch;
 use appell_model::tire::{Curve, Friction, Tire};
 use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
@@ -140,6 +141,18 @@ pub fn tires<T: Scalar>(
     own.chain(trailer)
         .map(|tire| ground.map_or(tire, |friction| tire.on_friction(friction)))
         .collect()
+}
+
+/// The patches of a terrain.
+pub fn patches<T: Scalar>(terrain: &Terrain, values: &Values<'_, T>) -> Vec<Patch<T>> {
+    let corner = |at: [f64; 2]| vec2(T::from(at[0]), T::from(at[1]));
+    let patches = terrain.patches().iter().enumerate();
+    let patch = |(k, patch): (usize, &scenario::Patch)| Patch {
+        low: corner(patch.low),
+        high: corner(patch.high),
+        friction: values.at(format_args!("terrain.patch.{k}.friction"), patch.friction),
+    };
+    patches.map(patch).collect()
 }
 
 fn tire<T: Scalar>(file: &scenario::Tire, at: At<'_, T>) -> Tire<T> {

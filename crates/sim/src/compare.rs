@@ -75,6 +75,66 @@ pub fn divergence(entry: &Entry, reference: &Entry) -> Divergence {
     }
 }
 
+/// Where a run leaves another, and what friction the wheels ask for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parting {
+    /// Time, s.
+    pub time: f64,
+    /// Where the run stands then, m.
+    pub place: [f64; 2],
+    /// Force over normal load of the wheel that asks for most, and its name: at that time, and the
+    /// highest until then; none without forces.
+    pub demand: Option<[(f64, String); 2]>,
+}
+
+/// Where the first robot of `entry` is more than `limit`, m, from that of `reference`. The friction that
+/// is asked for is that of the reference, if it has forces.
+pub fn parting(entry: &Entry, reference: &Entry, limit: f64) -> Option<Parting> {
+    let robot = &entry.summary.robots[0].name;
+    let time = divergence(entry, reference).first_beyond(limit)?;
+    let row = entry.recording.times.iter().position(|&t| t == time)?;
+    let [x, y, _] = pose(entry, robot);
+    let demands = |entry: &Entry| demands(entry, robot, row);
+    Some(Parting {
+        time,
+        place: [x[row], y[row]],
+        demand: demands(reference).or_else(|| demands(entry)),
+    })
+}
+
+/// The friction that is asked for at a row, and the highest until then.
+fn demands(entry: &Entry, robot: &str, row: usize) -> Option<[(f64, String); 2]> {
+    // Below this load, N, a wheel is as good as lifted, and the ratio says nothing.
+    const LIGHTEST: f64 = 0.1;
+    let recording = &entry.recording;
+    let prefix = format!("robot.{robot}.wheel.");
+    let mut found: Option<[(f64, String); 2]> = None;
+    for signal in &recording.header.signals {
+        let wheel = signal.path.strip_prefix(&prefix);
+        let Some(wheel) = wheel.and_then(|rest| rest.strip_suffix(".load")) else {
+            continue;
+        };
+        let column = |field: &str| recording.column(&format!("{prefix}{wheel}.{field}"));
+        let (along, across) = (column("force.longitudinal")?, column("force.lateral")?);
+        let load = column("load")?;
+        let [now, highest] =
+            found.get_or_insert_with(|| [(0.0, String::new()), (0.0, String::new())]);
+        for k in 0..=row {
+            if load[k] < LIGHTEST {
+                continue;
+            }
+            let demand = hypot(along[k], across[k]) / load[k];
+            if demand > highest.0 {
+                *highest = (demand, wheel.to_owned());
+            }
+            if k == row && demand > now.0 {
+                *now = (demand, wheel.to_owned());
+            }
+        }
+    }
+    found
+}
+
 /// Colours by which the runs are told apart: the last, the run of the report, is drawn in black.
 const COLORS: [&str; 4] = ["#CC79A7", "#009E73", "#56B4E9", "#E69F00"];
 

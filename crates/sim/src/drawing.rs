@@ -47,6 +47,7 @@ pub(crate) fn drawing(
             "beacons": beacons,
             "terrain": terrain,
             "friction": friction,
+            "patches": scenario.terrain.patches(),
         },
         "robots": robots,
         "statistics": scenario.statistics,

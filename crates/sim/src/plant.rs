@@ -17,7 +17,6 @@ use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput
 use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
 use appell_model::slip::{SLIP_OUTPUTS, SlipError};
-use appell_model::tire::Tire;
 
 use crate::block::{
     Block, BlockError, Detail, Now, Port, Recovery, finite_lanes, restore_numbers, save_numbers,
@@ -25,6 +24,7 @@ use crate::block::{
 use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
 
+pub use sliding::Contacts;
 use sliding::{Sliding, sliding};
 
 /// A platform that moves.
@@ -99,11 +99,11 @@ pub struct Start<'a, T> {
 }
 
 impl<T: Scalar> Plant<T> {
-    /// Joins a platform with the contact laws of its wheels to a ground, a level and an integrator.
+    /// Joins a platform with the contacts of its wheels to a ground, a level and an integrator.
     pub fn new(
         name: &str,
         platform: Platform<T>,
-        tires: Vec<Tire<T>>,
+        contacts: Contacts<T>,
         ground: Ground<T>,
         level: Level,
         numerics: Numerics,
@@ -162,7 +162,7 @@ impl<T: Scalar> Plant<T> {
                 if const { T::LANES > 1 } {
                     unreachable!("taken above");
                 }
-                let system = sliding(platform, tires, ground).map_err(|error| PlantError {
+                let system = sliding(platform, contacts, ground).map_err(|error| PlantError {
                     field: "level",
                     problem: match error {
                         SlipError::Trailer(_) => {

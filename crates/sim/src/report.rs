@@ -684,3 +684,23 @@ fn robot_plots(
     }
     plots
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The modules become one script, in which a name twice would silently be the later one.
+    #[test]
+    fn invariant_names_of_modules_differ() {
+        let mut names = std::collections::BTreeSet::new();
+        let text: String = MODULES.iter().chain(&STUDIES).map(|m| script(m)).collect();
+        for line in text.lines() {
+            let mut words = line.split([' ', '(']);
+            if ["function", "const", "let", "class"].contains(&words.next().unwrap_or_default()) {
+                let name = words.next().unwrap_or_default();
+                assert!(names.insert(name.to_owned()), "{name} is there twice");
+            }
+        }
+        assert!(names.len() > 100, "declarations were found");
+    }
+}

@@ -181,7 +181,7 @@ export function drawOrigin(view) {
 }
 
 /**
- * Contours and shading of a plane; nothing for a flat floor. `step` is the height between two
+ * Contours and shading of a plane, and patches of other friction. `step` is the height between two
  * contours, m.
  * @param {View} view
  * @param {Run} run
@@ -189,7 +189,8 @@ export function drawOrigin(view) {
  */
 export function drawTerrain(view, run, id) {
   const { terrain, size: [w, h] } = run.arena;
-  if (terrain.kind !== 'plane' || !(Math.abs(terrain.slope_deg) > 0)) return { svg: '', step: 0 };
+  const patches = (run.arena.patches || []).map(({ low, high, friction }) => `<rect x="${px(view.x(low[0]))}" y="${px(view.y(high[1]))}" width="${px((high[0] - low[0]) * view.scale)}" height="${px((high[1] - low[1]) * view.scale)}" class="patch"/>${label(view.x(low[0]) + 5, view.y(high[1]) + 14, `μ ${plain(friction)}`, 'note halo')}`).join('');
+  if (terrain.kind !== 'plane' || !(Math.abs(terrain.slope_deg) > 0)) return { svg: patches, step: 0 };
   const rise = Math.tan(Math.abs(terrain.slope_deg) * Math.PI / 180);
   const heading = (terrain.downhill_heading_deg + (terrain.slope_deg < 0 ? 180 : 0)) * Math.PI / 180;
   const along = [0, w].flatMap(x => [0, h].map(y => x * Math.cos(heading) + y * Math.sin(heading)));
@@ -207,7 +208,7 @@ export function drawTerrain(view, run, id) {
   }
   for (const s of edges) svg += `<line x1="${at(s)}" x2="${at(s)}" y1="${px(-reach)}" y2="${px(reach)}" class="contour"/>`;
   const clip = `<clipPath id="${id}-floor"><rect x="${px(view.x(0))}" y="${px(view.y(h))}" width="${px(w * view.scale)}" height="${px(h * view.scale)}"/></clipPath>`;
-  return { svg: `${clip}<g clip-path="url(#${id}-floor)"><g transform="translate(${px(view.x(0))} ${px(view.y(0))}) rotate(${px(-heading * 180 / Math.PI)})">${svg}</g></g>`, step };
+  return { svg: `${clip}<g clip-path="url(#${id}-floor)"><g transform="translate(${px(view.x(0))} ${px(view.y(0))}) rotate(${px(-heading * 180 / Math.PI)})">${svg}</g></g>${patches}`, step };
 }
 
 /**
@@ -881,7 +882,7 @@ export function drawArena(run, options = {}) {
   const bar = niceStep(Math.min(140, w * scale * 0.4) / scale, 1);
   const barBox = corner(bar * scale, 24);
   let furniture = drawScaleBar(barBox.x, barBox.y + 19, bar, scale);
-  if (terrain.svg) { const b = corner(96, 30); furniture += downhillArrow(run, b.x, b.y); }
+  if (terrain.step > 0) { const b = corner(96, 30); furniture += downhillArrow(run, b.x, b.y); }
 
   const paths = run.robots.map(robot => robot.path && robot.path.length > 1 ? `<path d="${pathText(simplify(robot.path.map(p => [view.x(p[0]), view.y(p[1])]), 0.15))}" class="ref"/>` : '').join('');
   const trails = run.robots.map((_, i) => `<g data-robot="${i}">${drawTrail(view, run, i, fastest)}</g>`).join('');

@@ -31,7 +31,7 @@ import { standalone } from './arena.js';
  * @param {[number, number]} span from and to, m
  * @returns {View}
  */
-function viewOf(data, width, span) {
+function profileView(data, width, span) {
   const scale = width / (span[1] - span[0]);
   const floor = Math.min(...data.levels.map(l => l[2])) - 0.07;
   const top = Math.max(...data.frames.map(f => f.center[1])) + 0.3;
@@ -97,7 +97,7 @@ function wordsOf(frame) {
  * @param {number} [width]
  */
 export function drawCrossing(data, k, width = 1080) {
-  const view = viewOf(data, width, spanOf(data));
+  const view = profileView(data, width, spanOf(data));
   const step = niceStep(view.high - view.low, 6);
   const ticks = [];
   for (let i = Math.ceil(view.low / step); i * step < view.high; i++) ticks.push(`<path d="M${px(view.x(i * step))} 0V${view.height}" class="grid"/>` + label(view.x(i * step) + 4, 14, `${tickText(i * step, step)} m`, 'tick'));
@@ -128,7 +128,7 @@ export function renderStrip(data) {
   const cell = (width - 2 * margin - (across - 1) * 16) / across;
   const picks = keyFrames(data, 9);
   let svg = label(margin, 36, data.title, 'title') + label(margin, 58, `${data.reason} · ${data.verdict}`, 'note');
-  const one = viewOf(data, cell, spanOf(data));
+  const one = profileView(data, cell, spanOf(data));
   const row = one.height + 50;
   picks.forEach((k, i) => {
     const frame = data.frames[k];

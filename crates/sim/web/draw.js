@@ -285,7 +285,7 @@ svg.picture .none,svg.picture .line,svg.picture .ref{fill:none}${lines}
 svg.picture .line{stroke-width:1.5;stroke-linejoin:round}svg.picture text.note,svg.picture text.tick{fill:${c('ink2')}}svg.picture text.tick{font-size:11.5px}svg.picture text.tiny{font-size:8.5px}svg.picture .bold{font-weight:600}svg.picture text.title{font-size:17px;font-weight:600}
 ${texts.replace(/text\./g, 'svg.picture text.')}
 .ground{fill:${c('background')}}.floor{fill:${c('floor')}}.grid,.grid-major{stroke:${c('grid')};stroke-width:1;shape-rendering:crispEdges}.grid-major{stroke:${c('gridMajor')}}.wall{fill:none;stroke:${c('wall')};stroke-width:1.5}
-.slope{fill:${c('ground')}}.contour{stroke:${c('ground')};stroke-width:1;opacity:.3}
+.slope{fill:${c('ground')}}.contour{stroke:${c('ground')};stroke-width:1;opacity:.3}.patch{fill:${c('sky')};fill-opacity:.16;stroke:${c('sky')};stroke-opacity:.7}
 .origin{stroke:${c('ink2')};stroke-width:1.5;fill:none}.origin-tip{fill:${c('ink2')}}.bar{stroke:${c('ink')};stroke-width:1.3;fill:none}.halo{stroke:${c('floor')};stroke-width:3;stroke-linejoin:round;paint-order:stroke}
 .ref{fill:none;stroke:${c('reference')};stroke-width:1.3;stroke-dasharray:6 4}.chord{stroke:${c('ink2')};stroke-width:1.1;stroke-dasharray:2 4;fill:none}.gate{stroke:${c('green')};stroke-width:1.8;stroke-dasharray:7 5}.chevron{fill:none;stroke:${c('greenText')};stroke-width:2;stroke-linejoin:round;stroke-linecap:round}.corridor{fill:none;stroke:${c('green')};stroke-opacity:.14;stroke-linejoin:round;stroke-linecap:round}.goal{fill:${c('green')};fill-opacity:.1;stroke:${c('green')};stroke-width:1.6}
 .beacon{fill:${c('orange')};stroke:${c('orangeText')};stroke-width:1}

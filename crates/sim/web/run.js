@@ -67,12 +67,13 @@
 /** @typedef {{ note: string, runs: ComparedRun[], reference: number, distance: Distance[] }} Comparison */
 /** @typedef {{ name: string, position: [number, number], radius: number }} Beacon */
 /** @typedef {{ kind: 'flat' } | { kind: 'plane', slope_deg: number, downhill_heading_deg: number }} Terrain */
+/** @typedef {{ low: [number, number], high: [number, number], friction: number }} Patch a rectangle of other friction, m */
 /**
  * @typedef {object} Run
  * @property {string} version
  * @property {{ name: string, title: string, text: string, file: string, hash: string, seed: number | string, step: number, integrator: string, recorded_period: number }} scenario
  * @property {{ status: string, sentence: string }} verdict
- * @property {{ size: [number, number], beacons: Beacon[], terrain: Terrain, friction: number | null }} arena
+ * @property {{ size: [number, number], beacons: Beacon[], terrain: Terrain, friction: number | null, patches?: Patch[] }} arena
  * @property {Robot[]} robots
  * @property {number[]} time
  * @property {Record<string, Signal>} signals

@@ -252,7 +252,8 @@ impl<T: Scalar> Slip<T> {
         let slip = vec2(carried(&rows[0]) - lever * rate, carried(&rows[1]));
         let z = self.deflection(i);
         let rolling = (lever * rate).abs();
-        let answer = self.tires[i].respond(slip, vec2(from[z], from[z + 1]), rolling, step);
+        let tire = self.tire(i, x, frame.contact);
+        let answer = tire.respond(slip, vec2(from[z], from[z + 1]), rolling, step);
         Touch {
             rows,
             lever,

@@ -7,7 +7,7 @@ use appell_model::integrate::observe;
 use appell_model::planar::Vec2;
 use appell_model::platform::Platform;
 use appell_model::scalar::Scalar;
-use appell_model::slip::{Implicit, Loads, SLIP_OUTPUTS, Slip, SlipError};
+use appell_model::slip::{Implicit, Loads, Patch, SLIP_OUTPUTS, Slip, SlipError};
 use appell_model::tire::Tire;
 
 /// The signals of a wheel's contact, in the order of the model's outputs, with their units.
@@ -42,13 +42,23 @@ struct Skidding<T: Scalar> {
     method: Implicit<T>,
 }
 
-/// Joins a platform, contact laws and a ground.
+/// Where wheels slip: the law of each, and what the ground does to it.
+#[derive(Clone, Debug)]
+pub struct Contacts<T> {
+    /// Contact law of each wheel.
+    pub tires: Vec<Tire<T>>,
+    /// Patches of the ground.
+    pub patches: Vec<Patch<T>>,
+}
+
+/// Joins a platform, contacts and a ground.
 pub(super) fn sliding<T: Scalar>(
     platform: Platform<T>,
-    tires: Vec<Tire<T>>,
+    contacts: Contacts<T>,
     ground: Ground<T>,
 ) -> Result<Box<dyn Sliding<T>>, SlipError> {
-    let system = Slip::new(platform, tires, ground, Loads::Dynamic)?;
+    let system = Slip::new(platform, contacts.tires, ground, Loads::Dynamic)?;
+    let system = system.on_patches(contacts.patches);
     let method = Implicit::new(&system);
     Ok(Box::new(Skidding { system, method }))
 }

@@ -268,13 +268,31 @@ fn check_arena(c: &mut Checker, arena: &Arena) {
 }
 
 fn check_terrain(c: &mut Checker, terrain: &Terrain) {
+    for (k, patch) in terrain.patches().iter().enumerate() {
+        let path = |field: &str| format!("terrain.patch.{k}.{field}");
+        for value in patch.low {
+            c.finite(path("low"), value);
+        }
+        for axis in 0..2 {
+            c.require(
+                patch.high[axis].is_finite() && patch.high[axis] > patch.low[axis],
+                path("high"),
+                "above low on both axes",
+                format!("{:?}", patch.high),
+            );
+        }
+        c.positive(path("friction"), patch.friction);
+    }
     let (gravity, friction) = match terrain {
-        Terrain::Flat { gravity, friction } => (gravity, friction),
+        Terrain::Flat {
+            gravity, friction, ..
+        } => (gravity, friction),
         Terrain::Plane {
             slope_deg,
             downhill_heading_deg,
             gravity,
             friction,
+            ..
         } => {
             if !(0.0..=60.0).contains(slope_deg) {
                 c.refuse(
