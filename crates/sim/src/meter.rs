@@ -67,6 +67,8 @@ struct Gauge<T> {
     torques: Vec<usize>,
     /// Each wheel, with the columns of longitudinal force, lateral force and load.
     forces: Vec<(String, [usize; 3])>,
+    /// Where wheels may slip: which of those, with the column of the friction that it uses.
+    used: Vec<(usize, usize)>,
     /// Columns of x and y.
     position: Option<[usize; 2]>,
     /// Column of the distance of the zero-moment point from the edge of the support.
@@ -109,6 +111,7 @@ impl<T: Scalar> Gauge<T> {
             currents: Vec::new(),
             torques: Vec::new(),
             forces: Vec::new(),
+            used: Vec::new(),
             position: None,
             tip: None,
             energies: Vec::new(),
@@ -216,11 +219,18 @@ impl<T: Scalar> Gauge<T> {
                 let [along, across, load] = self.forces[wheel].1;
                 let load = row[load];
                 self.load = T::select(known, self.load.min(load), self.load);
-                let lifts = known.and(load.less(T::zero()));
+                // Where wheels may slip those that would pull have lifted, and carry nothing.
+                let lifts = if self.used.is_empty() {
+                    known.and(load.less(T::zero()))
+                } else {
+                    known.and(load.less_equal(T::zero()))
+                };
                 if lifts.any() {
                     note(&mut self.first_lift, lifts, wheel, t, row, self.position);
                 }
-                if let Some(friction) = self.friction {
+                if let Some(friction) = self.friction
+                    && self.used.is_empty()
+                {
                     let force = crate::plant::speed(row[along], row[across]);
                     // A wheel that just touches needs no friction for a force that is rounding.
                     let limit = (T::from(friction) * load).max(T::from(1e-9));
@@ -233,6 +243,16 @@ impl<T: Scalar> Gauge<T> {
                         note(&mut self.first_slip, slips, wheel, t, row, self.position);
                     }
                 }
+            }
+        }
+        for k in 0..self.used.len() {
+            let (wheel, column) = self.used[k];
+            let share = T::from(100.0) * row[column];
+            self.demand = T::select(of, self.demand.max(share), self.demand);
+            // Sliding is approached, and reached within rounding.
+            let slides = of.and(T::from(99.999).less(share));
+            if slides.any() {
+                note(&mut self.first_slip, slides, wheel, t, row, self.position);
             }
         }
         if let Some(k) = self.tip {
@@ -371,6 +391,12 @@ impl<T: Scalar> Meter<T> {
                             // The lateral force and the load follow it.
                             let wheel = path.split('.').nth(1).unwrap_or_default();
                             gauge.forces.push((wheel.to_owned(), [k, k + 1, k + 2]));
+                        }
+                        if path.ends_with(".friction_use") {
+                            // Behind the forces.
+                            let wheel = path.split('.').nth(1).unwrap_or_default();
+                            let place = gauge.forces.iter().position(|(name, _)| name == wheel);
+                            gauge.used.extend(place.map(|place| (place, k)));
                         }
                     }
                 }
@@ -614,9 +640,19 @@ impl<T: Scalar> Meter<T> {
             None => otherwise,
         };
         if plain(gauge.load) < f64::INFINITY {
-            let note = told(&gauge.first_lift, "a wheel would lift", String::new());
+            let slips = !gauge.used.is_empty();
+            let lifts = if slips {
+                "a wheel lifts"
+            } else {
+                "a wheel would lift"
+            };
+            let note = told(&gauge.first_lift, lifts, String::new());
             add("lowest wheel load", of(gauge.load), "N", note);
-            if let Some(friction) = gauge.friction {
+            if slips {
+                let limit = "of what the contact gives".to_owned();
+                let note = told(&gauge.first_slip, "slides", limit);
+                add("highest friction used", of(gauge.demand), "%", note);
+            } else if let Some(friction) = gauge.friction {
                 let limit = format!("of μN, μ = {friction}");
                 let note = told(&gauge.first_slip, "would slip", limit);
                 add("highest friction used", of(gauge.demand), "%", note);
