@@ -54,6 +54,8 @@ pub enum Command {
     Inverse(InverseOptions),
     /// Test the odometry of a differential drive on a square, both ways round, and calibrate it.
     Umbmark(UmbmarkOptions),
+    /// Measure robots: rated speed, stopping, steepest slope, speed on a slope.
+    Measure(MeasureOptions),
     /// Compare how the pose error of a robot answers to sine, triangle and square forces of uneven ground.
     Uneven(UnevenOptions),
     /// Tell what a wheel-legged robot does about a step or a trench, let it cross, and draw the map of its
@@ -343,6 +345,23 @@ pub struct MergeOptions {
     /// Write no report.
     #[arg(long)]
     pub no_report: bool,
+}
+
+/// Options of `measure`.
+#[derive(Args)]
+pub struct MeasureOptions {
+    /// Robot files.
+    #[arg(required = true)]
+    pub robots: Vec<PathBuf>,
+    /// Coefficient of friction between wheels and ground.
+    #[arg(long, default_value_t = 0.8)]
+    pub friction: f64,
+    /// Slope on which the speed is measured, degrees.
+    #[arg(long, default_value_t = 5.0)]
+    pub slope: f64,
+    /// Print the measures as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `umbmark`.

@@ -8,6 +8,7 @@ mod check;
 mod compare;
 mod inverse;
 mod live;
+mod measure;
 mod new;
 mod obstacle;
 mod plot;
@@ -50,6 +51,7 @@ fn main() -> ExitCode {
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),
         Command::Umbmark(options) => umbmark::umbmark(&options),
+        Command::Measure(options) => measure::measure(&options),
         Command::Uneven(options) => uneven::uneven(&options),
         Command::Obstacle(options) => obstacle::obstacle(&options),
         Command::New(options) => new::new(&options),

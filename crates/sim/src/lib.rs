@@ -23,6 +23,7 @@ pub mod inverse;
 pub mod judge;
 pub mod layout;
 pub mod live;
+pub mod measures;
 mod meter;
 pub mod noise;
 pub mod obstacle;
