@@ -46,7 +46,7 @@ fn known_answer_commonroad_kinematic_single_track() {
     let [x, y, steering, speed, yaw] = [
         3.957_942_229_793_652_6,
         0.039_165_010_277_140_5,
-        0.037_849_142_721_178_1,
+        0.037_849_142_721_181_1,
         16.354_695_786_088_357,
         0.029_471_735_105_281_6,
     ];
@@ -73,6 +73,51 @@ fn known_answer_commonroad_kinematic_single_track() {
         assert!(
             (found - expected).abs() < 1e-13 * expected.abs().max(1.0),
             "{found} for {expected}"
+        );
+    }
+}
+
+/// CommonRoad's kinematic single track with a trailer on the rear axle (KST; the package
+/// `commonroad-vehicle-models` 3.0.2, `test_kst`; vehicle 4, a semi-trailer truck with wheelbases of
+/// 3.6 m and 8.1 m): rates of place, steering, heading and hitch angle, to 13 digits.
+#[test]
+fn known_answer_commonroad_trailer() {
+    let mut wheels = bicycle().wheels().to_vec();
+    wheels[1].mount.x = 3.6;
+    wheels.push(Wheel {
+        name: "trailer".into(),
+        steering: Steering::Free { trail: 8.1 },
+        drive: Drive::None,
+        ..wheels[0].clone()
+    });
+    let platform = Platform::new(*SLEIGH.platform().body(), wheels).expect("a truck");
+    let system = Kinematic::new(platform).expect("driven");
+    let layout = system.platform().layout().clone();
+    let (mut state, mut u) = (vec![0.0; layout.state()], vec![0.0; layout.input()]);
+    (state[0], state[1], state[YAW]) = (
+        3.957_942_229_793_652_6,
+        0.039_165_010_277_140_5,
+        0.029_471_735_105_281_6,
+    );
+    state[layout.swivel(0)] = 0.037_849_142_721_181_1;
+    state[layout.swivel(1)] = 0.029_471_735_105_281_6;
+    system.platform().renew_angles(&mut state);
+    u[0] = 16.354_695_786_088_357;
+    u[layout.steering_input()] = 0.15;
+    let mut rate = vec![0.0; layout.state()];
+    system.derivative(&state, &u, &[1.0; 3], &mut rate);
+    for (index, expected) in [
+        (0, 16.347_593_593_425_02),
+        (1, 0.481_931_488_601_312_1),
+        (layout.swivel(0), 0.15),
+        (YAW, 0.172_029_715_052_305_5),
+        (layout.swivel(1), -0.231_527_429_694_442_76),
+    ] {
+        // Thirteen digits.
+        let off: f64 = rate[index] - expected;
+        assert!(
+            off.abs() < 1e-13 * expected.abs().max(1.0),
+            "{index} {off:e}"
         );
     }
 }
