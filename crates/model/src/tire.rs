@@ -7,6 +7,11 @@
 //! Laws with a state z, m, the deflection of bristles or of the carcass, follow ż = s − w z: at rest z
 //! is a spring that holds the robot without creep, and in steady rolling z/σ is the normalised slip.
 
+pub mod combined;
+mod cubic;
+
+pub use cubic::{Arcs, Onset};
+
 use crate::dynamics::{Dynamics, Sizes};
 use crate::planar::{Vec2, vec2};
 use crate::scalar::Scalar;
@@ -21,6 +26,12 @@ pub enum Tire<T> {
         friction: Friction<T>,
         /// ε: slip velocity over which it is rounded off, m/s.
         rounding: T,
+    },
+    /// Friction by two cubic arcs over the slip velocity: κ = −μ(|s|) s/|s|. It holds nothing at rest: on a
+    /// slope it creeps.
+    Cubic {
+        /// μ.
+        arcs: Arcs<T>,
     },
     /// LuGre: w = σ₀|s|/μ(|s|), κ = −(σ₀ z + σ₁ ż + σ₂ s).
     ///
@@ -125,7 +136,19 @@ impl<T: Scalar> Friction<T> {
     }
 }
 
+/// B q − E (B q − atan(B q)) of the magic formula, for B q and E.
+#[inline(always)]
+fn bend<T: Scalar>(bq: T, curvature: T) -> T {
+    bq - curvature * (bq - bq.atan())
+}
+
 impl<T: Scalar> Curve<T> {
+    /// Force per load at a slip of either sign along one axis: odd in it.
+    #[inline(always)]
+    pub fn along(&self, slip: T) -> T {
+        self.at(slip.abs()).0 * T::one().copysign(slip)
+    }
+
     /// Force per load at a normalised slip q ≥ 0, and its derivative.
     #[inline(always)]
     pub fn at(&self, q: T) -> (T, T) {
@@ -148,7 +171,7 @@ impl<T: Scalar> Curve<T> {
             } => {
                 let b = stiffness / (shape * friction);
                 let bq = b * q;
-                let inner = bq - curvature * (bq - bq.atan());
+                let inner = bend(bq, curvature);
                 let (sin, cos) = (shape * inner.atan()).sin_cos();
                 let bend = T::one() - curvature * (T::one() - T::one() / (T::one() + bq * bq));
                 let slope = friction * cos * shape * b * bend / (T::one() + inner * inner);
@@ -246,6 +269,9 @@ impl<T: Scalar> Tire<T> {
                 friction: rubbing(friction, number),
                 rounding: number(*rounding),
             },
+            Tire::Cubic { arcs } => Tire::Cubic {
+                arcs: arcs.map(number),
+            },
             Tire::Lugre {
                 friction,
                 stiffness,
@@ -295,13 +321,14 @@ impl<T: Scalar> Tire<T> {
         }
     }
 
-    /// The largest force per load at the slip velocity of the contact.
+    /// The largest force per load at the slip velocity of the contact; at any, for the cubic arcs.
     #[inline(always)]
     pub fn friction(&self, slip: Vec2<T>) -> T {
         match self {
             Tire::Coulomb { friction, .. } | Tire::Lugre { friction, .. } => {
                 friction.at(length(slip)).0
             }
+            Tire::Cubic { arcs } => arcs.breakaway,
             Tire::Slip { curve, .. } => curve.friction(),
         }
     }
@@ -317,6 +344,7 @@ impl<T: Scalar> Tire<T> {
     pub fn kinetic(&self) -> T {
         match self {
             Tire::Coulomb { friction, .. } | Tire::Lugre { friction, .. } => friction.kinetic,
+            Tire::Cubic { arcs } => arcs.kinetic,
             Tire::Slip { curve, .. } => curve.friction(),
         }
     }
@@ -329,6 +357,10 @@ impl<T: Scalar> Tire<T> {
             Tire::Coulomb { friction, .. } | Tire::Lugre { friction, .. } => {
                 friction.kinetic *= grip;
                 friction.breakaway *= grip;
+            }
+            Tire::Cubic { arcs } => {
+                arcs.breakaway *= grip;
+                arcs.kinetic *= grip;
             }
             Tire::Slip { curve, .. } => match curve {
                 Curve::Brush { friction, .. }
@@ -343,7 +375,7 @@ impl<T: Scalar> Tire<T> {
     #[inline(always)]
     fn decay(&self, speed: T, rolling: T) -> (T, T) {
         match self {
-            Tire::Coulomb { .. } => (T::zero(), T::zero()),
+            Tire::Coulomb { .. } | Tire::Cubic { .. } => (T::zero(), T::zero()),
             Tire::Lugre {
                 friction,
                 stiffness,
@@ -369,7 +401,7 @@ impl<T: Scalar> Tire<T> {
     #[inline(always)]
     pub fn rate(&self, slip: Vec2<T>, deflection: Vec2<T>, rolling: T) -> Vec2<T> {
         match self {
-            Tire::Coulomb { .. } => Vec2::zero(),
+            Tire::Coulomb { .. } | Tire::Cubic { .. } => Vec2::zero(),
             _ => slip - deflection * self.decay(length(slip), rolling).0,
         }
     }
@@ -385,6 +417,7 @@ impl<T: Scalar> Tire<T> {
                 let (mu, _) = friction.at(square.sqrt());
                 slip * -(mu / rounding.mul_add(*rounding, square).sqrt())
             }
+            Tire::Cubic { arcs } => slip * -arcs.chord(length(slip), rolling).0,
             Tire::Lugre {
                 stiffness,
                 damping,
@@ -419,6 +452,14 @@ impl<T: Scalar> Tire<T> {
                 slope: radial(secant, share, along),
             };
         }
+        if let Tire::Cubic { arcs } = self {
+            let (chord, slope) = arcs.chord(speed, rolling);
+            return Grip {
+                force: slip * -chord,
+                deflection,
+                slope: radial(chord, chord - slope, along),
+            };
+        }
         let (w, falls) = self.decay(speed, rolling);
         let gain = one / step.mul_add(w, one);
         let end = (deflection + slip * step) * gain;
@@ -439,7 +480,7 @@ impl<T: Scalar> Tire<T> {
         // ż = (z − z₀)/h.
         let per_step = one / step;
         match self {
-            Tire::Coulomb { .. } => unreachable!("handled above"),
+            Tire::Coulomb { .. } | Tire::Cubic { .. } => unreachable!("handled above"),
             Tire::Lugre {
                 stiffness,
                 damping,
@@ -533,7 +574,11 @@ impl<T: Scalar> Dynamics<T> for Contact<T> {
 mod tests {
     use super::*;
 
-    fn laws() -> [Tire<f64>; 6] {
+    fn onset(slip: f64, speed_min: f64) -> Onset<f64> {
+        Onset { slip, speed_min }
+    }
+
+    fn laws() -> [Tire<f64>; 8] {
         let friction = Friction {
             kinetic: 0.6,
             breakaway: 0.9,
@@ -572,6 +617,22 @@ mod tests {
             Tire::Coulomb {
                 friction: Friction::plain(0.7),
                 rounding: 0.1,
+            },
+            Tire::Cubic {
+                arcs: Arcs {
+                    breakaway: 0.8,
+                    kinetic: 0.4,
+                    peak: onset(0.0, 0.1),
+                    sliding: onset(0.0, 0.6),
+                },
+            },
+            Tire::Cubic {
+                arcs: Arcs {
+                    breakaway: 0.9,
+                    kinetic: 0.6,
+                    peak: onset(0.1, 0.02),
+                    sliding: onset(0.5, 0.1),
+                },
             },
         ]
     }
@@ -657,7 +718,9 @@ mod tests {
                 let (sin, cos) = Scalar::sin_cos(angle);
                 let slip = vec2(cos, sin) * (1e-4 * f64::from(k + 1) * f64::from(k + 1));
                 let force = match tire {
-                    Tire::Coulomb { .. } => tire.force(slip, Vec2::zero(), 0.5),
+                    Tire::Coulomb { .. } | Tire::Cubic { .. } => {
+                        tire.force(slip, Vec2::zero(), 0.5)
+                    }
                     _ => {
                         let (w, _) = tire.decay(length(slip), 0.5);
                         tire.force(slip, slip * (1.0 / w), 0.5)

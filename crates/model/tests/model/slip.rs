@@ -9,7 +9,7 @@ use appell_model::platform::{Body, Platform, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_model::slip::{Implicit, Loads, Slip, SlipOutput};
-use appell_model::tire::{Curve, Friction, Tire};
+use appell_model::tire::{Arcs, Curve, Friction, Onset, Tire};
 use appell_model::wheel::{Rim, Steering, Wheel};
 
 use crate::common::motor;
@@ -184,6 +184,39 @@ fn closed_form_rest_on_a_slope() {
             assert!(turned < 1e-9, "{tire:?} {turned:e}");
         }
     }
+}
+
+/// Friction of two cubic arcs creeps on a slope where its first arc is tan ψ.
+#[test]
+fn closed_form_creep_of_cubic_arcs() {
+    let slope = 10.0_f64.to_radians();
+    let mut wheels = four(TORQUE);
+    for wheel in &mut wheels {
+        wheel.brake = 100.0;
+    }
+    let onset = |speed_min| Onset {
+        slip: 0.0,
+        speed_min,
+    };
+    let arcs = Arcs {
+        breakaway: 0.6,
+        kinetic: 0.4,
+        peak: onset(0.1),
+        sliding: onset(0.5),
+    };
+    let tire = Tire::Cubic { arcs };
+    let system = robot(wheels, tire, Ground::plane(9.81, slope, 0.4));
+    let mut u = vec![0.0; system.sizes().input];
+    u[system.layout().brake_input()] = 1.0;
+    let (mut x, mut mode) = (at_rest(&system), vec![0.0; 4]);
+    Implicit::new(&system).steps(&system, &u, 1e-3, 5000, &mut x, &mut mode);
+    let at = system.layout().velocity();
+    let creep = vec2(x[at], x[at + 1]);
+    let t = creep.dot(creep).sqrt() / 0.1;
+    let (sin, cos) = Scalar::sin_cos(slope);
+    let friction = 0.6 * 0.5 * t * (3.0 - t * t);
+    // Newton's iterations end at some 1e-12 of the forces.
+    assert!((friction - sin / cos).abs() < 1e-10, "{friction} {t}");
 }
 
 /// The stiffer the tire, the closer to rolling, in proportion.
