@@ -94,6 +94,7 @@ pub mod platform;
 pub mod pose_error;
 pub mod rolling;
 pub mod scalar;
+pub mod single_track;
 pub mod slip;
 pub mod solve;
 pub mod support;

@@ -2,6 +2,7 @@
 
 mod closed_form;
 mod common;
+mod commonroad;
 mod errata;
 mod errata_more;
 mod errata_uneven;
