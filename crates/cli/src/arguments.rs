@@ -82,7 +82,7 @@ pub struct Changes {
     /// Level of model of every robot: kinematic, rolling or slip.
     #[arg(long)]
     pub level: Option<String>,
-    /// Drives of every robot at level rolling: as-built, torque or dc-motor.
+    /// Drives of every robot at levels rolling and slip: as-built, torque or dc-motor.
     #[arg(long)]
     pub drive: Option<String>,
     /// Method of integration: auto, rk4, exponential or adaptive.

@@ -378,19 +378,33 @@ impl<T: Scalar> Slip<T> {
                     one[1][1] = (-pull[i].y).mul_add(shift[i].y, one[1][1]);
                 }
                 let determinant = one[0][0] * one[1][1] - one[0][1] * one[1][0];
+                let bounded = T::from(1e-3).less(determinant);
+                let scale = T::one() / T::select(bounded, determinant, T::one());
                 force = vec2(
                     one[1][1] * free.x - one[0][1] * free.y,
                     one[0][0] * free.y - one[1][0] * free.x,
-                ) * (T::one() / determinant);
+                ) * scale;
+                if !bounded.all() {
+                    // Load transfer feeds itself: it grows from that at rest until a wheel lifts.
+                    let grown = self.feed(free, pull, (still, shift));
+                    force = vec2(
+                        T::select(bounded, force.x, grown.x),
+                        T::select(bounded, force.y, grown.y),
+                    );
+                }
             }
+            // The wheel that would pull hardest lifts off, and the others are asked again.
             let mut loads = [T::zero(); MAX_WHEELS];
-            let mut pulls = T::Mask::splat(false);
+            let mut worst = T::zero();
             for i in 0..wheels {
                 let load = shift[i].dot(force) + still[i];
-                let hangs = load.less(T::zero());
-                pulls = pulls.or(hangs);
-                lifted[i] = lifted[i].or(hangs);
                 loads[i] = T::select(lifted[i], T::zero(), load);
+                worst = worst.min(loads[i]);
+            }
+            let pulls = worst.less(T::zero());
+            for i in 0..wheels {
+                lifted[i] = lifted[i].or(pulls.and(loads[i].less_equal(worst)));
+                loads[i] = loads[i].max(T::zero());
             }
             tries += 1;
             let support = match &self.support {
@@ -407,6 +421,32 @@ impl<T: Scalar> Slip<T> {
             changed = support.affine(self.weight, center, self.height, &lifted);
             (still, shift) = (&changed.0, &changed.1);
         }
+    }
+
+    /// The force of all contacts, N, where it feeds itself through the loads: grown from the force
+    /// without load transfer, `free`, until a load is below zero.
+    #[inline(never)]
+    fn feed(
+        &self,
+        free: Vec2<T>,
+        pull: &[Vec2<T>; MAX_WHEELS],
+        (still, shift): (&[T; MAX_WHEELS], &[Vec2<T>; MAX_WHEELS]),
+    ) -> Vec2<T> {
+        let mut force = free;
+        for _ in 0..64 {
+            let mut next = free;
+            let mut over = T::Mask::splat(false);
+            for i in 0..self.layout().wheels {
+                let moved = shift[i].dot(force);
+                over = over.or((moved + still[i]).less(T::zero()));
+                next = next + pull[i] * moved;
+            }
+            force = vec2(
+                T::select(over, force.x, next.x),
+                T::select(over, force.y, next.y),
+            );
+        }
+        force
     }
 
     /// The contacts at an instant.
@@ -663,7 +703,11 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         y[BODY_OUTPUTS - 1] = match &self.support {
             Some(support) => {
                 let center = self.first * (T::one() / self.mass);
-                support.margin(center - force * (self.height / self.weight))
+                // Without weight nothing says where it would stand.
+                let stands = T::zero().less(self.weight);
+                let lift = self.height / T::select(stands, self.weight, T::one());
+                let margin = support.margin(center - force * lift);
+                T::select(stands, margin, T::zero())
             }
             None => T::zero(),
         };

@@ -157,9 +157,12 @@ impl<T: Scalar> Curve<T> {
                 friction,
                 stiffness,
             } => {
-                let left = (T::one() - stiffness * q / (T::from(3.0) * friction)).max(T::zero());
+                // 1 − (1 − Θ)³ without its cancellation.
+                let three = T::from(3.0);
+                let theta = (stiffness * q / (three * friction)).min(T::one());
+                let left = T::one() - theta;
                 (
-                    friction * (T::one() - left * left * left),
+                    friction * theta * (theta - three).mul_add(theta, three),
                     stiffness * left * left,
                 )
             }

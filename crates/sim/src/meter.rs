@@ -77,6 +77,8 @@ struct Gauge<T> {
     energies: Vec<(&'static str, usize, T)>,
     /// Coefficient of friction of the ground, if it is known.
     friction: Option<f64>,
+    /// Whether the ground has patches, which only contacts know.
+    passes_patches: bool,
     /// Lowest load of a wheel, N; infinite until loads are known.
     load: T,
     /// Highest share of the friction limit, %.
@@ -116,6 +118,7 @@ impl<T: Scalar> Gauge<T> {
             tip: None,
             energies: Vec::new(),
             friction,
+            passes_patches: false,
             load: endless,
             demand: zero,
             margin: endless,
@@ -335,6 +338,7 @@ impl<T: Scalar> Meter<T> {
                     Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
                 };
                 let mut gauge = Gauge::new(friction);
+                gauge.passes_patches = !scenario.terrain.patches().is_empty();
                 let prefix = format!("robot.{}.", robot.name);
                 // Of models that take turns not all know forces, commands of drives and energies.
                 let is_one = robot.model.is_empty();
@@ -653,7 +657,11 @@ impl<T: Scalar> Meter<T> {
                 let note = told(&gauge.first_slip, "slides", limit);
                 add("highest friction used", of(gauge.demand), "%", note);
             } else if let Some(friction) = gauge.friction {
-                let limit = format!("of μN, μ = {friction}");
+                let limit = if gauge.passes_patches {
+                    format!("of μN, μ = {friction}, patches left out")
+                } else {
+                    format!("of μN, μ = {friction}")
+                };
                 let note = told(&gauge.first_slip, "would slip", limit);
                 add("highest friction used", of(gauge.demand), "%", note);
             }

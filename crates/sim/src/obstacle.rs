@@ -14,9 +14,10 @@ pub fn limits(wheel_radius: f64, wheel_pitch: f64, height_max: f64) -> Result<Li
         ("wheel-pitch", wheel_pitch),
         ("height-max", height_max),
     ] {
-        if !(value.is_finite() && value > 0.0) {
+        // A robot of a millimeter or of a house has other limits than these.
+        if !(0.01..=5.0).contains(&value) {
             return Err(format!(
-                "--{option}: must be a finite number > 0, got {value}\n  hint: lengths are in meters"
+                "--{option}: must be in [0.01, 5] m, got {value:e}\n  hint: lengths are in meters"
             ));
         }
     }
@@ -47,7 +48,7 @@ pub fn length(name: &str, value: f64) -> Result<f64, String> {
         Ok(value)
     } else {
         Err(format!(
-            "{name}: must be in [0, 100] m, got {value}\n  hint: lengths are in meters"
+            "{name}: must be in [0, 100] m, got {value:e}\n  hint: lengths are in meters"
         ))
     }
 }

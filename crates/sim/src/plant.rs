@@ -539,7 +539,17 @@ impl<T: Scalar> Block<T> for Plant<T> {
         let step = self.step;
         let count = (now.dt / step).round() as u64;
         match (&mut self.system, &mut self.method) {
-            (System::Slip(s), _) => s.steps(&self.u, step, count, x, mode),
+            (System::Slip(s), _) => {
+                let found = s.steps(&self.u, step, count, x, mode);
+                if !found && finite_lanes(x).all() {
+                    return Err(BlockError {
+                        block: self.name.clone(),
+                        problem: "the forces of the contacts were not found within a step: take a smaller time.step, or softer tires".into(),
+                        lanes: u32::MAX,
+                        then: Recovery::End,
+                    });
+                }
+            }
             (_, Method::Own) => unreachable!("of level slip alone"),
             (System::Kinematic(s), Method::RungeKutta4(m)) => {
                 m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)

@@ -507,7 +507,7 @@ fn closed_form_slip_level_turns_as_the_single_track() {
             let mut x = system.rolling_state(&x, vec2(speed, 0.0), 0.0);
             let u = vec![0.0; system.sizes().input];
             let mut mode = vec![1.0; 2];
-            Implicit::new(&system).steps(&system, &u, 1e-3, 3000, &mut x, &mut mode);
+            assert!(Implicit::new(&system).steps(&system, &u, 1e-3, 3000, &mut x, &mut mode));
             let at = system.layout().velocity();
             let v = x[at];
             let [front, rear] = stiffness.map(|c| c * mass * 9.81 / 2.0);

@@ -140,7 +140,7 @@ fn order_implicit() {
             let error = |count: u64| {
                 let (mut x, mut mode) = (start.clone(), vec![1.0; 4]);
                 let mut implicit = Implicit::new(&system);
-                implicit.steps(&system, &u, end / count as f64, count, &mut x, &mut mode);
+                assert!(implicit.steps(&system, &u, end / count as f64, count, &mut x, &mut mode));
                 let off = x.iter().zip(&exact).take(8).map(|(a, b)| (a - b).abs());
                 off.fold(0.0, f64::max)
             };
@@ -167,9 +167,9 @@ fn closed_form_rest_on_a_slope() {
         u[system.layout().brake_input()] = 1.0;
         let (mut x, mut mode) = (at_rest(&system), vec![0.0; 4]);
         let mut implicit = Implicit::new(&system);
-        implicit.steps(&system, &u, 1e-3, 1000, &mut x, &mut mode);
+        assert!(implicit.steps(&system, &u, 1e-3, 1000, &mut x, &mut mode));
         let before = x.clone();
-        implicit.steps(&system, &u, 1e-3, 100_000, &mut x, &mut mode);
+        assert!(implicit.steps(&system, &u, 1e-3, 100_000, &mut x, &mut mode));
         let moved = vec2(x[0] - before[0], x[1] - before[1]);
         let moved = moved.dot(moved).sqrt();
         if let Tire::Coulomb { rounding, .. } = tire {
@@ -209,7 +209,7 @@ fn closed_form_creep_of_cubic_arcs() {
     let mut u = vec![0.0; system.sizes().input];
     u[system.layout().brake_input()] = 1.0;
     let (mut x, mut mode) = (at_rest(&system), vec![0.0; 4]);
-    Implicit::new(&system).steps(&system, &u, 1e-3, 5000, &mut x, &mut mode);
+    assert!(Implicit::new(&system).steps(&system, &u, 1e-3, 5000, &mut x, &mut mode));
     let at = system.layout().velocity();
     let creep = vec2(x[at], x[at + 1]);
     let t = creep.dot(creep).sqrt() / 0.1;
@@ -248,7 +248,7 @@ fn order_towards_rolling() {
         let system = robot(wheels.clone(), brush(0.8, stiffness), ground);
         let (mut x, mut mode) = (at_rest(&system), vec![1.0; 3]);
         let mut implicit = Implicit::new(&system);
-        implicit.steps(&system, &u, 1e-3, 2000, &mut x, &mut mode);
+        assert!(implicit.steps(&system, &u, 1e-3, 2000, &mut x, &mut mode));
         let apart = vec2(x[0] - ideal[0], x[1] - ideal[1]);
         apart.dot(apart).sqrt()
     };
@@ -306,7 +306,7 @@ fn invariant_friction_never_gives_energy() {
         for _ in 0..40 {
             // At 1 ms the method itself, which is not algebraically stable, gives one robot in a
             // thousand a thousandth of its energy in the first violent steps.
-            implicit.steps(&system, &u, 2.5e-4, 20, &mut x, &mut mode);
+            assert!(implicit.steps(&system, &u, 2.5e-4, 20, &mut x, &mut mode));
             let now = energy(&x, &mode);
             assert!(now.is_finite(), "{trial} {tire:?}");
             // Rounded friction has nowhere to keep energy; bristles and carcass do, and give it back.
@@ -386,7 +386,7 @@ fn invariant_violence_stays_finite() {
         let mut implicit = Implicit::new(&system);
         for k in 0..200 {
             u[..4].fill(if k % 2 == 0 { 24.0 } else { -24.0 });
-            implicit.steps(&system, &u, 1e-3, 10, &mut x, &mut mode);
+            assert!(implicit.steps(&system, &u, 1e-3, 10, &mut x, &mut mode));
             assert!(x.iter().all(|value| value.is_finite()), "{tire:?} {k}");
         }
     }
@@ -401,7 +401,7 @@ fn invariant_skid_steer_turns_on_the_spot() {
     u[..4].copy_from_slice(&[-8.0, 8.0, -8.0, 8.0]);
     let mut mode = vec![1.0; 4];
     let mut implicit = Implicit::new(&system);
-    implicit.steps(&system, &u, 1e-3, 3000, &mut x, &mut mode);
+    assert!(implicit.steps(&system, &u, 1e-3, 3000, &mut x, &mut mode));
     let y = outputs(&system, &x, &u, &mode);
     assert!(y[2] > 0.5, "turns: {}", y[2]);
     assert!(y[0].abs() < 0.05, "stays: {}", y[0]);
@@ -441,7 +441,7 @@ fn closed_form_effective_track_of_a_skid_steer() {
         let mut u = vec![0.0; system.sizes().input];
         u[..4].copy_from_slice(&[-9.0, 9.0, -9.0, 9.0]);
         let mut mode = vec![1.0; 4];
-        Implicit::new(&system).steps(&system, &u, 1e-3, 6000, &mut x, &mut mode);
+        assert!(Implicit::new(&system).steps(&system, &u, 1e-3, 6000, &mut x, &mut mode));
         let yaw_rate = x[system.layout().velocity() + 2];
         let ideal = radius * x[system.rate(1)] / b;
         let wider = ideal / yaw_rate;
@@ -450,6 +450,57 @@ fn closed_form_effective_track_of_a_skid_steer() {
         assert!(
             (wider - expected).abs() < 2e-3,
             "{tire:?} {wider} {expected}"
+        );
+    }
+}
+
+/// Braked so hard that load transfer feeds itself (friction above the wheelbase over the height): the
+/// caster lifts, and the drive wheels carry all and brake with all their friction.
+#[test]
+fn closed_form_braking_beyond_the_caster() {
+    let mut wheels: Vec<Wheel<f64>> = [("left", 0.25), ("right", -0.25)]
+        .map(|(name, y)| wheel(name, [0.0, y], TORQUE))
+        .to_vec();
+    for wheel in &mut wheels {
+        wheel.brake = 100.0;
+    }
+    wheels.push(Wheel {
+        steering: Steering::Free { trail: 0.02 },
+        mass: 0.0,
+        inertia_vertical: 0.0,
+        spin_inertia: 0.0,
+        viscous: 0.0,
+        brake: 0.0,
+        ..wheel("caster", [-0.2, 0.0], Drive::None)
+    });
+    let body = Body {
+        mass: 28.0,
+        inertia_com: 1.4,
+        center_of_mass: vec2(-0.05, 0.0),
+        com_height: 0.25,
+    };
+    for (friction, lifts) in [(0.15, false), (0.7, true), (1.5, true)] {
+        let platform = Platform::new(body, wheels.clone()).expect("a platform");
+        let ground = Ground::flat(9.81);
+        let tires = vec![coulomb(friction, 1e-3); 3];
+        let system = Slip::new(platform, tires, ground, Loads::Dynamic).expect("a robot");
+        let mut x = system.rolling_state(&at_rest(&system), vec2(2.0, 0.0), 0.0);
+        let mut u = vec![0.0; system.sizes().input];
+        u[system.layout().brake_input()] = 1.0;
+        let mut mode = vec![0.0; 3];
+        assert!(Implicit::new(&system).steps(&system, &u, 1e-3, 50, &mut x, &mut mode));
+        let y = outputs(&system, &x, &u, &mode);
+        let of = |i, what| y[system.layout().wheel_output(i, what)];
+        let weight = 29.0 * 9.81;
+        let caster = of(2, WheelOutput::Load);
+        assert_eq!(caster == 0.0, lifts, "{friction}: {caster}");
+        assert_eq!(y[6] < 0.0, lifts, "{friction}: {}", y[6]);
+        let braked = of(0, WheelOutput::Longitudinal) + of(1, WheelOutput::Longitudinal);
+        // Rounding 1e-3 against a slip of 1 m/s and more: friction less 1e-6 of it.
+        let expected = -friction * (weight - caster);
+        assert!(
+            (braked / expected - 1.0).abs() < 1e-5,
+            "{braked} {expected}"
         );
     }
 }

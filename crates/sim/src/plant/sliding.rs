@@ -32,7 +32,8 @@ pub(super) trait Sliding<T: Scalar>: Send {
     fn follows(&self, i: usize) -> bool;
     /// Length of the output, and where the contacts' outputs begin.
     fn outputs(&self) -> (usize, usize);
-    fn steps(&mut self, u: &[T], dt: f64, count: u64, x: &mut [T], mode: &mut [T]);
+    /// False where a step was not found.
+    fn steps(&mut self, u: &[T], dt: f64, count: u64, x: &mut [T], mode: &mut [T]) -> bool;
     fn observe(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]);
 }
 
@@ -88,8 +89,8 @@ impl<T: Scalar> Sliding<T> for Skidding<T> {
         (self.system.sizes().output, self.system.layout().output())
     }
 
-    fn steps(&mut self, u: &[T], dt: f64, count: u64, x: &mut [T], mode: &mut [T]) {
-        self.method.steps(&self.system, u, dt, count, x, mode);
+    fn steps(&mut self, u: &[T], dt: f64, count: u64, x: &mut [T], mode: &mut [T]) -> bool {
+        self.method.steps(&self.system, u, dt, count, x, mode)
     }
 
     fn observe(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {

@@ -267,6 +267,16 @@ fn check_arena(c: &mut Checker, arena: &Arena) {
     }
 }
 
+fn check_friction(c: &mut Checker, path: String, value: f64) {
+    if !(1e-4..=100.0).contains(&value) {
+        c.refuse(
+            path,
+            format!("must be in [0.0001, 100], got {}", number(value)),
+            "rubber on dry concrete has 0.8, on ice 0.1",
+        );
+    }
+}
+
 fn check_terrain(c: &mut Checker, terrain: &Terrain) {
     for (k, patch) in terrain.patches().iter().enumerate() {
         let path = |field: &str| format!("terrain.patch.{k}.{field}");
@@ -281,7 +291,7 @@ fn check_terrain(c: &mut Checker, terrain: &Terrain) {
                 format!("{:?}", patch.high),
             );
         }
-        c.positive(path("friction"), patch.friction);
+        check_friction(c, path("friction"), patch.friction);
     }
     let (gravity, friction) = match terrain {
         Terrain::Flat {
@@ -307,7 +317,7 @@ fn check_terrain(c: &mut Checker, terrain: &Terrain) {
     };
     c.not_negative("terrain.gravity".into(), *gravity);
     if let Some(friction) = friction {
-        c.positive("terrain.friction".into(), *friction);
+        check_friction(c, "terrain.friction".into(), *friction);
     }
 }
 

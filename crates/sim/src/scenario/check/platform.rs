@@ -176,7 +176,19 @@ fn tire_rules(c: &mut Checker, tire: &Tire, base: &str) {
         ],
     };
     for (field, value) in positive {
-        c.positive(format!("{base}.{field}"), value);
+        // Beyond, a contact is no tire, and its numbers lose their digits.
+        let (low, high) = match field {
+            "friction" => (1e-4, 100.0),
+            "stiffness" => (1e-3, 1e6),
+            "relaxation" | "rounding" | "stribeck" => (1e-5, 100.0),
+            _ => unreachable!("named above"),
+        };
+        c.require(
+            (low..=high).contains(&value),
+            format!("{base}.{field}"),
+            &format!("in [{low}, {high}]"),
+            number(value),
+        );
     }
     match *tire {
         Tire::Coulomb {
