@@ -9,7 +9,7 @@
 //! out of. Any other plug-in runs in a child process and talks over its standard input and output; the
 //! messages are those of [`wire`], which the book documents for other languages. A library with a C interface
 //! is served by a child as well, or loaded into this process where it is trusted. An FMU is always served by
-//! a child.
+//! a child. Steps of these children pass through memory that both sides see, while both are awake.
 
 mod conformance;
 mod contract;
@@ -22,6 +22,8 @@ mod local;
 mod native;
 mod process;
 mod serve;
+#[cfg(unix)]
+mod shared;
 #[cfg(feature = "wasm")]
 mod wasm;
 pub mod wire;

@@ -9,6 +9,8 @@ use serde_json::{Value, json};
 
 use crate::contract::Fault;
 use crate::folder::Folder;
+#[cfg(unix)]
+use crate::shared::{Place, ROOM, Shared};
 use crate::wire::{self, Call, kind};
 
 /// What a plug-in may take.
@@ -26,6 +28,9 @@ pub struct Limits {
     pub fuel: u64,
     /// Whether a library is loaded into this process, where nothing limits it.
     pub is_trusted: bool,
+    /// Longest time for which this process and one that serves a library or an FMU wait awake for each
+    /// other's messages, which then pass through memory that both see; none, and all go over the socket.
+    pub spin: Duration,
 }
 
 impl Default for Limits {
@@ -37,6 +42,7 @@ impl Default for Limits {
             fuel_of_start: 500_000_000,
             fuel: 100_000_000,
             is_trusted: false,
+            spin: Duration::from_micros(50),
         }
     }
 }
@@ -48,6 +54,11 @@ pub struct Process {
     /// Both directions; `None` once it is no longer spoken to.
     #[cfg(unix)]
     stream: Option<std::os::unix::net::UnixStream>,
+    /// Where steps go while the child is awake, and for as long as it needs to find it, the place.
+    #[cfg(unix)]
+    shared: Option<Shared>,
+    #[cfg(unix)]
+    place: Option<Place>,
     limits: Limits,
     message: Vec<u8>,
     body: Vec<u8>,
@@ -105,6 +116,19 @@ enum Break {
     Ended,
     /// It answered that it cannot.
     Refused(String),
+}
+
+/// Memory to share with a child that Appell provides, unless there is but one processor to be awake on, or
+/// the system has none to give: then all goes over the socket.
+#[cfg(unix)]
+fn memory(kind: Kind, limits: &Limits) -> Option<(Shared, Place)> {
+    let is_ours = match kind {
+        Kind::Library | Kind::Fmu => true,
+        Kind::Python | Kind::Module | Kind::Program => false,
+    };
+    let has_room = std::thread::available_parallelism().is_ok_and(|count| count.get() > 1);
+    let is_wanted = is_ours && has_room && !limits.spin.is_zero();
+    is_wanted.then(|| Shared::new(limits.spin).ok()).flatten()
 }
 
 impl Process {
@@ -188,9 +212,12 @@ impl Process {
             command.env("TMPDIR", folder.path());
         }
         let child = command.spawn().map_err(failed)?;
+        let (shared, place) = memory(kind, &limits).unzip();
         Ok(Process {
             child,
             stream: Some(ours),
+            shared,
+            place,
             limits,
             message: Vec::new(),
             body: Vec::new(),
@@ -202,7 +229,12 @@ impl Process {
 
     pub(crate) fn describe(&mut self) -> Result<Value, Fault> {
         let limit = self.limits.start;
-        let request = json!({ "protocol": wire::PROTOCOL });
+        let mut request = json!({ "protocol": wire::PROTOCOL });
+        #[cfg(unix)]
+        if let Some(path) = self.place.as_ref().and_then(|place| place.path().to_str()) {
+            let spin = self.limits.spin.as_secs_f64();
+            request["shared"] = json!({ "file": path, "spin": spin });
+        }
         self.open(kind::DESCRIBE);
         self.put_json(&request);
         let hint = match self.kind {
@@ -219,8 +251,13 @@ impl Process {
                 "it must be a program that speaks Appell's messages, and may be executed"
             }
         };
-        self.exchange(kind::DESCRIBE, limit)
-            .map_err(|lost| Fault::new("describe", lost.text()).hint(hint))?;
+        let described = self.exchange(kind::DESCRIBE, limit);
+        // The child has it open by now, or never will.
+        #[cfg(unix)]
+        {
+            self.place = None;
+        }
+        described.map_err(|lost| Fault::new("describe", lost.text()).hint(hint))?;
         serde_json::from_slice(&self.body)
             .map_err(|error| Fault::new("describe", format!("must be JSON: {error}")))
     }
@@ -323,7 +360,7 @@ impl Process {
         // Whatever it may still say would answer another question.
         #[cfg(unix)]
         {
-            self.stream = None;
+            (self.stream, self.shared) = (None, None);
         }
         let _ = self.child.kill();
         let _ = self.child.wait();
@@ -363,8 +400,23 @@ impl Process {
             | io::ErrorKind::ConnectionReset => Break::Ended,
             _ => Break::Lost(format!("cannot be spoken to: {error}")),
         };
-        timed.write_all(&self.message).map_err(lost)?;
-        let head = wire::read_head(&mut timed).map_err(lost)?;
+        let (shared, message) = (&mut self.shared, &self.message);
+        let is_step = kind == wire::kind::STEP && !limit.is_zero();
+        let mut shared = shared.as_mut();
+        let is_asked = is_step && shared.as_mut().is_some_and(|shared| shared.ask(message));
+        if !is_asked {
+            if let Some(shared) = &shared {
+                shared.call();
+            }
+            timed.write_all(message).map_err(lost)?;
+        }
+        // What was asked over the socket is answered there.
+        let shared = shared.filter(|_| is_asked);
+        let shared = shared.and_then(|shared| shared.is_answered(end).then_some(shared));
+        let head = match &shared {
+            Some(shared) => Some(shared.answer_head()),
+            None => wire::read_head(&mut timed).map_err(lost)?,
+        };
         let Some((length, answer)) = head else {
             return Err(Break::Ended);
         };
@@ -375,14 +427,20 @@ impl Process {
                 answer.kind
             )));
         }
-        if length > wire::BODY_MAX {
+        let most = match shared {
+            Some(_) => ROOM - wire::HEAD,
+            None => wire::BODY_MAX,
+        };
+        if length > most {
             return Err(Break::Lost(format!(
-                "answered with {length} bytes, more than {}",
-                wire::BODY_MAX
+                "answered with {length} bytes, more than {most}"
             )));
         }
         self.body.resize(length, 0);
-        timed.read_exact(&mut self.body).map_err(lost)?;
+        match shared {
+            Some(shared) => shared.answer_body(&mut self.body),
+            None => timed.read_exact(&mut self.body).map_err(lost)?,
+        }
         if answer.kind == wire::kind::REFUSED {
             let text = String::from_utf8_lossy(&self.body).into_owned();
             return Err(Break::Refused(text));
@@ -395,6 +453,9 @@ impl Drop for Process {
     fn drop(&mut self) {
         #[cfg(unix)]
         {
+            if let Some(shared) = &self.shared {
+                shared.call();
+            }
             self.stream = None;
         }
         // It ends with its input; one that does not is ended.
@@ -466,3 +527,6 @@ impl Write for Timed<'_> {
         Ok(())
     }
 }
+
+#[cfg(all(test, unix))]
+mod tests;

@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use crate::contract::Fault;
+#[cfg(unix)]
+use crate::shared::Shared;
 
 /// Loads a library and answers for it, on the socket that the standard input is, until that ends.
 ///
@@ -27,14 +29,31 @@ pub(crate) fn converse(
     use crate::wire::{self, kind};
 
     let (mut body, mut answer) = (Vec::new(), Vec::new());
-    while let Some((length, request)) = wire::read_head(stream)? {
-        if length > REQUEST_MAX {
-            return Err(std::io::ErrorKind::InvalidData.into());
-        }
-        body.resize(length, 0);
-        stream.read_exact(&mut body)?;
+    let mut shared: Option<Shared> = None;
+    loop {
+        let asked = match &mut shared {
+            Some(shared) => shared.is_asked().then_some(shared),
+            None => None,
+        };
+        let request = match asked {
+            Some(shared) => shared.take(&mut body)?,
+            None => {
+                let Some((length, request)) = wire::read_head(stream)? else {
+                    return Ok(());
+                };
+                if length > REQUEST_MAX {
+                    return Err(std::io::ErrorKind::InvalidData.into());
+                }
+                body.resize(length, 0);
+                stream.read_exact(&mut body)?;
+                request
+            }
+        };
         let answered_as = |kind: u16| wire::Tag { kind, ..request };
         let kind = request.kind;
+        if kind == kind::DESCRIBE {
+            shared = memory(&body);
+        }
         wire::open(&mut answer, answered_as(kind.wrapping_add(kind::ANSWER)));
         let answered = match &mut server {
             Ok(server) => server.answer(kind, &body, &mut answer),
@@ -45,9 +64,20 @@ pub(crate) fn converse(
             answer.extend_from_slice(problem.as_bytes());
         }
         wire::close(&mut answer);
-        stream.write_all(&answer)?;
+        let is_told = shared.as_ref().is_some_and(|shared| shared.answer(&answer));
+        if !is_told {
+            stream.write_all(&answer)?;
+        }
     }
-    Ok(())
+}
+
+/// The memory that the host offers; without it all goes over the stream.
+#[cfg(unix)]
+fn memory(body: &[u8]) -> Option<Shared> {
+    let request: serde_json::Value = serde_json::from_slice(body).ok()?;
+    let offer = &request["shared"];
+    let spin = std::time::Duration::try_from_secs_f64(offer["spin"].as_f64()?).ok()?;
+    Shared::open(Path::new(offer["file"].as_str()?), spin).ok()
 }
 
 /// Says that it cannot.

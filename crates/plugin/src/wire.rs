@@ -17,6 +17,9 @@
 //!
 //! The answer has the kind of its request plus 100, or kind 200 with a text that says why not. A plug-in ends
 //! when its input does.
+//!
+//! A description's request may offer memory, as `shared` with `file` and `spin`, s, to a child that Appell
+//! itself provides; others pass it over. Steps then go through either.
 
 use std::io;
 
