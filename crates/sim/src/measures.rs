@@ -224,7 +224,7 @@ mod tests {
         // 6.06 rad/s on a radius of 0.1651 m, held by a servo with an integral part.
         assert!((measured.rated_speed - 1.0005).abs() < 0.01, "{measured:?}");
         assert_eq!(measured.limit, "slides");
-        let limit = appell_model::math::atan(0.5).to_degrees();
+        let limit = appell_model::scalar::Scalar::atan(0.5_f64).to_degrees();
         // Found to a quarter of a degree; close below the limit it no longer reaches its speed in time.
         assert!(measured.slope_max_deg < limit, "{measured:?}");
         assert!(measured.slope_max_deg > limit - 2.0, "{measured:?}");
