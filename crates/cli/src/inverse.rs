@@ -54,6 +54,12 @@ fn answer(options: &InverseOptions) -> Result<(String, Demanded), String> {
                 format!("--robot: must be one of {}, got {name}", names.join(", "))
             })?,
     };
+    if robot.level == scenario::Level::Slip {
+        return Err(format!(
+            "robot.{}.level: must be \"rolling\", got \"slip\"\n  hint: a motion has its torques where wheels roll; add --level rolling",
+            robot.name
+        ));
+    }
     let motions = match &options.of {
         Some(file) => from_file(file, options, robot)?,
         None => from_task(&loaded, robot)?,

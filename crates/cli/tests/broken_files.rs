@@ -93,7 +93,7 @@ const SCENARIOS: &[Row] = &[
     row("misspelled-key-in-kind", SLALOM, ("lateral_acceleration", "lateral_acceleraton"), "lateral_acceleraton", &["robot.tri.controller.lateral_acceleraton: unknown key", "did you mean lateral_acceleration?"]),
     row("misspelled-table", SLALOM, ("[terrain]", "[terain]"), "[terain]", &["terain: unknown key", "did you mean terrain?"]),
     row("unknown-kind", SLALOM, ("kind = \"flat\"", "kind = \"flatt\""), "kind = \"flatt\"", &["terrain.kind: must be one of flat, plane, got \"flatt\"", "did you mean \"flat\"?"]),
-    row("unknown-word", SLALOM, ("level = \"rolling\"", "level = \"roling\""), "level", &["robot.tri.level: must be one of kinematic, rolling, got \"roling\"", "did you mean \"rolling\"?"]),
+    row("unknown-word", SLALOM, ("level = \"rolling\"", "level = \"roling\""), "level", &["robot.tri.level: must be one of kinematic, rolling, slip, got \"roling\"", "did you mean \"rolling\"?"]),
     row("unknown-task", SLALOM, ("[robot.task]\nkind = \"slalom\"", "[robot.task]\nkind = \"parking\""), "kind = \"parking\"", &["robot.tri.task.kind: must be one of homing, gate, eight, slalom, route, got \"parking\""]).bare(),
     row("wrong-schema", SLALOM, ("schema = 1", "schema = 2"), "schema", &["schema: must be 1, got 2"]),
     row("huge-integer", SLALOM, ("seed = 1 ", "seed = 99999999999999999999 "), "seed", &["not valid TOML", "99999999999999999999", "whole numbers within"]),
@@ -434,7 +434,7 @@ const SETS: &[(&[&str], &[&str])] = &[
     ),
     (
         &["--level", "flying"],
-        &["--set: robot.tri.level: must be one of kinematic, rolling, got \"flying\""],
+        &["--set: robot.tri.level: must be one of kinematic, rolling, slip, got \"flying\""],
     ),
 ];
 

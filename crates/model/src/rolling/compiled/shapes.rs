@@ -1,0 +1,287 @@
+//! The sizes of platforms that are compiled, and how one of them is found and entered.
+
+use super::Compiled;
+use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work};
+use crate::platform::{LEDGER, POSE, YAW, renew_angle, straighten};
+use crate::rolling::{Constant, Rolling};
+use crate::scalar::Scalar;
+
+/// A [`Rolling`] whose sizes the compiler knows, PLAIN as for [`Compiled::core_rates`].
+struct Twin<
+    'a,
+    T: Scalar,
+    const U: usize,
+    const W: usize,
+    const M: usize,
+    const K: usize,
+    const PLAIN: bool,
+> {
+    rolling: &'a Rolling<T>,
+    compiled: &'a Compiled<T, U, W, M, K>,
+}
+
+impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, const PLAIN: bool>
+    Dynamics<T> for Twin<'_, T, U, W, M, K, PLAIN>
+{
+    const STIFF: usize = POSE;
+    // Heading, velocities and currents; the angles of the casters.
+    const READ: [(usize, usize); 2] = [
+        (0, POSE + U + M),
+        (Compiled::<T, U, W, M, K>::SWIVELS, usize::MAX),
+    ];
+
+    fn sizes(&self) -> Sizes {
+        self.rolling.sizes()
+    }
+    #[inline(always)]
+    fn derivative(&self, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
+        if PLAIN {
+            // Not asked for: a core has its own rates.
+            self.rolling.derivative(x, u, mode, dx);
+        } else {
+            self.compiled.derivative(self.rolling, x, u, mode, dx);
+        }
+    }
+    fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+        self.rolling.output(x, u, mode, y);
+    }
+    #[inline(always)]
+    fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
+        if !PLAIN {
+            self.rolling.decide(x, u, mode);
+        }
+    }
+    #[inline(always)]
+    fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
+        renew_angle(x, YAW);
+        for k in 0..K {
+            renew_angle(x, Compiled::<T, U, W, M, K>::SWIVELS + 3 * k);
+        }
+        if !PLAIN && self.rolling.any_rubs {
+            crate::rolling::come_to_rest(self.rolling, x, u, mode);
+        }
+    }
+    #[inline(always)]
+    fn core(&self) -> Option<Core> {
+        if M > 0 && (PLAIN || self.rolling.is_gathered) {
+            Some(Compiled::<T, U, W, M, K>::CORE)
+        } else {
+            None
+        }
+    }
+    #[inline(always)]
+    fn core_rates(&self, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
+        self.compiled.core_rates::<PLAIN>(self.rolling, x, u, rates)
+    }
+    #[inline(always)]
+    fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
+        self.compiled
+            .gather::<PLAIN>(self.rolling, nodes, u, limited, x);
+    }
+    #[inline(always)]
+    fn straighten(&self, stage: &mut [T]) {
+        straighten(stage, YAW + 1);
+        for k in 0..K {
+            straighten(stage, Compiled::<T, U, W, M, K>::SWIVELS + 3 * k + 1);
+        }
+    }
+    fn guards(&self, x: &[T], u: &[T], mode: &[T], g: &mut [T]) {
+        self.rolling.guards(x, u, mode, g);
+    }
+    fn linear_part(&self, mode: &[T], matrix: &mut [T]) -> Option<core::ops::Range<usize>> {
+        self.rolling.linear_part(mode, matrix)
+    }
+    fn is_derived(&self, index: usize) -> bool {
+        self.rolling.is_derived(index)
+    }
+}
+
+/// The sizes that are compiled, by name: U, W, M, K and the length of the state.
+macro_rules! shapes {
+    ($($name:ident: $u:literal, $w:literal, $m:literal, $k:literal;)*) => {
+        /// A platform of one of the compiled sizes.
+        #[derive(Clone, Debug)]
+        pub(in crate::rolling) enum Shape<T> {
+            $(#[doc(hidden)] $name(Box<Compiled<T, $u, $w, $m, $k>>),)*
+        }
+
+        impl<T: Scalar> Shape<T> {
+            /// `None` for all other sizes.
+            pub(in crate::rolling) fn new(rolling: &Rolling<T>, constant: &Constant<T>) -> Option<Self> {
+                $(if let Some(compiled) = Compiled::new(rolling, constant) {
+                    return Some(Shape::$name(compiled));
+                })*
+                None
+            }
+
+            /// See [`Dynamics::core`], where all wheels have motors.
+            pub(in crate::rolling) fn core(&self) -> Option<Core> {
+                match self {
+                    $(Shape::$name(_) => ($m > 0).then_some(Compiled::<T, $u, $w, $m, $k>::CORE),)*
+                }
+            }
+
+            #[inline(always)]
+            fn core_rates(&self, rolling: &Rolling<T>, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
+                match self {
+                    $(Shape::$name(compiled) => {
+                        compiled.core_rates::<false>(rolling, x, u, rates)
+                    })*
+                }
+            }
+
+            #[inline(always)]
+            fn gather(
+                &self,
+                rolling: &Rolling<T>,
+                nodes: &Nodes<'_, T>,
+                u: &[T],
+                limited: T::Mask,
+                x: &mut [T],
+            ) {
+                match self {
+                    $(Shape::$name(compiled) => {
+                        compiled.gather::<false>(rolling, nodes, u, limited, x)
+                    })*
+                }
+            }
+
+            /// The motion, as for [`Self::output`].
+            #[inline(always)]
+            fn motion(&self, rolling: &Rolling<T>, x: &[T], y: &mut [T]) {
+                match self {
+                    $(Shape::$name(compiled) => compiled.motion_output(rolling, x, y),)*
+                }
+            }
+
+            /// The outputs, of a platform without dry friction that can hold a wheel.
+            #[inline(always)]
+            fn output(&self, rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
+                match self {
+                    $(Shape::$name(compiled) => compiled.output(rolling, x, u, mode, y),)*
+                }
+            }
+
+            /// The derivative, where the caller does not know the sizes.
+            #[inline(always)]
+            fn derivative(
+                &self,
+                rolling: &Rolling<T>,
+                x: &[T],
+                u: &[T],
+                mode: &[T],
+                dx: &mut [T],
+            ) {
+                match self {
+                    $(Shape::$name(compiled) => {
+                        compiled.derivative(rolling, x, u, mode, dx)
+                    })*
+                }
+            }
+
+            /// Works on the twin of `rolling` under an input.
+            #[inline(always)]
+            pub(in crate::rolling) fn work<J: Work<T>>(
+                &self,
+                rolling: &Rolling<T>,
+                u: &[T],
+                job: J,
+            ) -> J::Output {
+                let plain = rolling.is_plain(u);
+                match self {
+                    // A twin for motors is worth its size twice, one for torques once; of many lanes
+                    // those with motors alone, for each takes seconds to compile. What a constant
+                    // leaves out is not compiled at all.
+                    $(Shape::$name(compiled) => if $m > 0 && plain {
+                        let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    } else if const { T::LANES > 1 || ($m == 0 && J::FOR_MOTORS) } {
+                        job.run::<0, 0, _>(rolling)
+                    } else {
+                        let twin = Twin::<_, $u, $w, $m, $k, false> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    },)*
+                }
+            }
+        }
+    };
+}
+
+fused! {
+    /// See [`Shape::derivative`].
+    pub(in crate::rolling) fn derivative<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        dx: &mut [T],
+    ) {
+        shape.derivative(rolling, x, u, mode, dx);
+    }
+}
+
+fused! {
+    /// See [`Dynamics::core_rates`].
+    pub(in crate::rolling) fn core_rates<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        rates: &mut [T],
+    ) -> T::Mask {
+        shape.core_rates(rolling, x, u, rates)
+    }
+}
+
+fused! {
+    /// See [`Dynamics::gather`].
+    pub(in crate::rolling) fn gather<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        nodes: &Nodes<'_, T>,
+        u: &[T],
+        limited: T::Mask,
+        x: &mut [T],
+    ) {
+        shape.gather(rolling, nodes, u, limited, x);
+    }
+}
+
+fused! {
+    /// See [`Shape::motion`].
+    pub(in crate::rolling) fn motion<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        y: &mut [T],
+    ) {
+        shape.motion(rolling, x, y);
+    }
+}
+
+fused! {
+    /// See [`Shape::output`].
+    pub(in crate::rolling) fn output<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        mode: &[T],
+        y: &mut [T],
+    ) {
+        shape.output(rolling, x, u, mode, y);
+    }
+}
+
+// Two driven wheels on an axle with up to two casters, as torque or motor drives; four mecanum wheels
+// with motors.
+shapes! {
+    Axle: 2, 2, 0, 0;
+    AxleCaster: 2, 2, 0, 1;
+    AxleCasters: 2, 2, 0, 2;
+    Motors: 2, 2, 2, 0;
+    MotorsCaster: 2, 2, 2, 1;
+    MotorsCasters: 2, 2, 2, 2;
+    Mecanum: 3, 4, 4, 0;
+}
