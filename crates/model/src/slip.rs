@@ -278,11 +278,6 @@ impl<T: Scalar> Slip<T> {
         &self.ground
     }
 
-    /// The contact laws.
-    pub fn tires(&self) -> &[Tire<T>] {
-        &self.tires
-    }
-
     /// Index of the spin rate of wheel i in the state.
     #[inline(always)]
     pub fn rate(&self, i: usize) -> usize {
@@ -355,9 +350,9 @@ impl<T: Scalar> Slip<T> {
         }
     }
 
-    /// Normal loads for forces per load (base axes), and the force of all contacts together, N.
+    /// Normal loads, N, for forces per load, base axes.
     #[inline(always)]
-    fn carry(&self, x: &[T], pull: &[Vec2<T>; MAX_WHEELS]) -> ([T; MAX_WHEELS], Vec2<T>) {
+    fn carry(&self, x: &[T], pull: &[Vec2<T>; MAX_WHEELS]) -> [T; MAX_WHEELS] {
         let wheels = self.layout().wheels;
         let gravity = self.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
         let mut lifted = [T::Mask::splat(false); MAX_WHEELS];
@@ -409,13 +404,7 @@ impl<T: Scalar> Slip<T> {
             tries += 1;
             let support = match &self.support {
                 Some(support) if pulls.any() && tries < wheels => support,
-                _ => {
-                    let mut force = Vec2::zero();
-                    for i in 0..wheels {
-                        force = force + pull[i] * loads[i];
-                    }
-                    return (loads, force);
-                }
+                _ => return loads,
             };
             let center = self.first * (T::one() / self.mass);
             changed = support.affine(self.weight, center, self.height, &lifted);
@@ -478,7 +467,7 @@ impl<T: Scalar> Slip<T> {
             contacts.grip[i] = grip;
             pull[i] = along * grip.x + across * grip.y;
         }
-        contacts.load = self.carry(x, &pull).0;
+        contacts.load = self.carry(x, &pull);
         contacts
     }
 

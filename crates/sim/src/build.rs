@@ -16,6 +16,7 @@ use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
 
 use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
+use crate::plant::Contacts;
 use crate::route::Fault;
 use crate::scenario::{self, Direction, DriveChoice, Level, Robot, Scenario, Side, Task, Terrain};
 
@@ -113,9 +114,22 @@ fn radians<T: Scalar>(degrees: T) -> T {
     degrees * T::from(std::f64::consts::PI / 180.0)
 }
 
+/// What the wheels of a file meet on a terrain; their numbers stand under `path` in the scenario.
+pub fn contacts<T: Scalar>(
+    file: &scenario::Platform,
+    terrain: &Terrain,
+    path: &str,
+    values: &Values<'_, T>,
+) -> Contacts<T> {
+    Contacts {
+        tires: tires(file, terrain, path, values),
+        patches: patches(terrain, values),
+    }
+}
+
 /// The contact law of each wheel of a file, on a ground with a friction coefficient of its own or the
 /// tires'. The numbers of the wheels stand under `path` in the scenario.
-pub fn tires<T: Scalar>(
+fn tires<T: Scalar>(
     file: &scenario::Platform,
     terrain: &Terrain,
     path: &str,
@@ -144,7 +158,7 @@ pub fn tires<T: Scalar>(
 }
 
 /// The patches of a terrain.
-pub fn patches<T: Scalar>(terrain: &Terrain, values: &Values<'_, T>) -> Vec<Patch<T>> {
+fn patches<T: Scalar>(terrain: &Terrain, values: &Values<'_, T>) -> Vec<Patch<T>> {
     let corner = |at: [f64; 2]| vec2(T::from(at[0]), T::from(at[1]));
     let patches = terrain.patches().iter().enumerate();
     let patch = |(k, patch): (usize, &scenario::Patch)| Patch {

@@ -17,7 +17,7 @@ use crate::controller::{
 use crate::foreign::{Foreign, Pool, Reach, Request, Role};
 use crate::noise::{Stream, Streams};
 use crate::plan::Path;
-use crate::plant::{Contacts, Numerics, Plant, Start, command_signal};
+use crate::plant::{Numerics, Plant, Start, command_signal};
 use crate::run::{refuse, refuse_plant};
 use crate::scenario::{
     Channel, Controller, Diagnostics, FIRST, Loaded, Model, Platform as PlatformFile, Plugin,
@@ -187,10 +187,7 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             let platform = build::platform_of(self.file, drives, weighs, &path, self.values)
                 .expect("a checked platform can be built");
             let terrain = &self.loaded.scenario.terrain;
-            let contacts = Contacts {
-                tires: build::tires(self.file, terrain, &path, self.values),
-                patches: build::patches(terrain, self.values),
-            };
+            let contacts = build::contacts(self.file, terrain, &path, self.values);
             let (name, level) = (&robot.name, own.level);
             let plant = Plant::new(
                 name,

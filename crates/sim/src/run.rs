@@ -16,7 +16,7 @@ use crate::layout::{Assignment, Goal, Layout};
 use crate::live::{Script, Workshop};
 use crate::meter::Meter;
 use crate::plan::{self, Path, PlanError};
-use crate::plant::{Contacts, Numerics, Plant, PlantError, Start};
+use crate::plant::{Numerics, Plant, PlantError, Start};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Statistics,
@@ -264,10 +264,7 @@ pub(crate) fn assemble<T: Scalar>(
         let drives = build::drive_model(robot);
         let platform = build::platform_of(file, drives, ground.gravity_normal, &path, values)
             .expect("a checked platform can be built");
-        let contacts = Contacts {
-            tires: build::tires(file, &scenario.terrain, &path, values),
-            patches: build::patches(&scenario.terrain, values),
-        };
+        let contacts = build::contacts(file, &scenario.terrain, &path, values);
         let angles = build::start_angles(file);
         let pose = robot.pose.map(T::from);
         let start = Start {

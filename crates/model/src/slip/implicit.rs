@@ -153,7 +153,7 @@ impl<T: Scalar> Slip<T> {
                 }
             }
             if attempt < FIRM {
-                loads = self.carry(x, &pulls).0;
+                loads = self.carry(x, &pulls);
             }
             let mut v = zero_row();
             v[..n].copy_from_slice(&x[at..at + n]);
