@@ -83,6 +83,7 @@ macro_rules! fused {
 pub mod drive;
 pub mod dual;
 pub mod dynamics;
+pub mod following;
 pub mod ground;
 pub mod integrate;
 pub mod kinematic;
@@ -97,7 +98,9 @@ pub mod scalar;
 pub mod single_track;
 pub mod slip;
 pub mod solve;
+pub mod stance;
 pub mod support;
+pub mod terrain;
 pub mod tire;
 pub mod trailer;
 pub mod wheel;

@@ -12,5 +12,6 @@ mod order;
 mod random_platforms;
 mod single_track;
 mod slip;
+mod terrain;
 mod trailer;
 mod wheel_legged;

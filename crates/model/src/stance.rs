@@ -1,0 +1,479 @@
+//! How a robot stands on uneven ground: height, roll and pitch of its chassis, loads of its wheels, and
+//! what gravity makes of them. `[eq:stance]`
+//!
+//! Each wheel rests on the ground as a [`crate::terrain::Touch`] says, and gives under its load Nᵢ ≥ 0.
+//! The chassis follows the ground as if it had no inertia of heave, roll and pitch: along its normal,
+//! and about its forward and left axes, loads and weight balance. What is left of them acts in its
+//! plane. Roll, pitch and yaw turn about x, y, z in that order; base frame for forces.
+
+use crate::planar::{Vec2, vec2};
+use crate::platform::{MAX_WHEELS, Platform, YAW};
+use crate::scalar::{Mask, Scalar};
+use crate::solve::MAX_DOF;
+use crate::support::Support;
+use crate::terrain::{Disc, Terrain};
+use crate::wheel::Steering;
+
+/// Height of the base's origin over the map, m, roll and pitch, rad.
+pub type Attitude<T> = [T; 3];
+
+/// A robot on a terrain.
+#[derive(Clone, Debug)]
+pub struct Footing<T> {
+    terrain: Terrain,
+    gravity: T,
+    mass: T,
+    /// Center of mass, base frame, m.
+    center: [T; 3],
+    /// Of each wheel: load on level ground, N, and stiffness, N/m.
+    level: [T; MAX_WHEELS],
+    stiffness: [T; MAX_WHEELS],
+    support: Support<T>,
+}
+
+/// How it stands at a pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Stance<T: Scalar> {
+    /// Height, roll and pitch.
+    pub attitude: Attitude<T>,
+    /// Load of each wheel at rest, along the normal of the ground beneath it, N.
+    pub loads: [T; MAX_WHEELS],
+    /// Wheels in the air.
+    pub lifted: [T::Mask; MAX_WHEELS],
+    /// Slope of each wheel's way against the chassis, along its rolling direction.
+    pub grades: [T; MAX_WHEELS],
+    /// What gravity and ground do in the plane of the chassis: force, N, and moment about P, N·m.
+    pub push: [T; 3],
+    /// Moment of the ground on each steered wheel about the axis of its steering, N·m.
+    pub twists: [T; MAX_WHEELS],
+    /// Gravity normal to the chassis, m/s².
+    pub gravity_normal: T,
+    /// Rates of x, y and yaw over forward and left velocity and turning rate of the chassis.
+    pub rates: [[T; 3]; 3],
+    /// Energy of height and of wheels that give, J.
+    pub potential: T,
+    /// Whether it can stand so.
+    pub standing: Standing,
+}
+
+/// Whether a robot can stand where it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// It can.
+    Stands,
+    /// No attitude is at rest: it falls.
+    Falls,
+    /// A wheel stands before a wall.
+    Blocked(usize),
+}
+
+/// Why a platform cannot stand on uneven ground.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FootingError {
+    /// The wheels carry no plane: fewer than three, or on one line, or the center of mass beside them.
+    Unsupported,
+    /// The axle of a trailer; its name.
+    Trailer(String),
+}
+
+/// Share of its radius by which the mean wheel gives under its load on level ground.
+pub const SAG: f64 = 0.01;
+/// Tilt beyond which a robot has fallen, rad.
+const FALLEN: f64 = 1.3;
+/// Most iterations of Newton's method.
+const TRIES: usize = 60;
+/// Change of height, m, and angles, rad, at which it ends.
+const CLOSE: f64 = 1e-12;
+/// The same at which it is asked which wheels lift.
+const SETTLED: f64 = 1e-7;
+
+impl<T: Scalar> Footing<T> {
+    /// Joins a platform and a terrain under a gravity, m/s².
+    ///
+    /// # Errors
+    /// Wheels that carry no plane.
+    pub fn new(platform: &Platform<T>, terrain: Terrain, gravity: T) -> Result<Self, FootingError> {
+        let wheels = platform.wheels();
+        if let Some(wheel) = wheels.iter().find(|wheel| wheel.is_towed()) {
+            return Err(FootingError::Trailer(wheel.name.clone()));
+        }
+        let body = platform.body();
+        let mut mass = body.mass;
+        let mut first = body.center_of_mass * body.mass;
+        let mut up = body.com_height * body.mass;
+        for wheel in wheels {
+            mass += wheel.mass;
+            first = first + wheel.mount * wheel.mass;
+            up = wheel.mass.mul_add(wheel.radius, up);
+        }
+        let per = T::one() / mass;
+        let (flat, up) = (first * per, up * per);
+        let contacts: Vec<_> = wheels.iter().map(|w| (w.mount, w.stiffness)).collect();
+        let support = Support::new(&contacts).ok_or(FootingError::Unsupported)?;
+        let level = support.loads(mass * gravity, flat);
+        let least = (0..wheels.len()).map(|i| level[i].lane(0));
+        if gravity.lane(0) > 0.0 && least.fold(f64::MAX, f64::min) <= 0.0 {
+            return Err(FootingError::Unsupported);
+        }
+        // All give alike: what each carries is its share of one stiffness.
+        let mut stiffness = [T::zero(); MAX_WHEELS];
+        let share = T::from(1.0 / wheels.len() as f64);
+        let mut sag = T::zero();
+        for wheel in wheels {
+            sag = (T::from(SAG) * share).mul_add(wheel.radius, sag);
+        }
+        // Where nothing weighs anything, as if it did.
+        let weighs = T::zero().less(gravity);
+        let weight = mass * T::select(weighs, gravity, T::one());
+        for (i, wheel) in wheels.iter().enumerate() {
+            stiffness[i] = wheel.stiffness * weight * share / sag;
+        }
+        Ok(Footing {
+            terrain,
+            gravity,
+            mass,
+            center: [flat.x, flat.y, up],
+            level,
+            stiffness,
+            support,
+        })
+    }
+
+    /// The ground.
+    pub fn terrain(&self) -> &Terrain {
+        &self.terrain
+    }
+
+    /// The contacts that carry the robot.
+    pub fn support(&self) -> &Support<T> {
+        &self.support
+    }
+
+    /// Loads along the normal of the chassis that a force F of the ground in its plane, N, adds to those
+    /// at rest: dNᵢ = bᵢ · F, without lifted wheels.
+    pub fn transfer(&self, stance: &Stance<T>) -> [Vec2<T>; MAX_WHEELS] {
+        let weight = self.mass * stance.gravity_normal;
+        let center = vec2(self.center[0], self.center[1]);
+        let (_, shift) = self
+            .support
+            .affine(weight, center, self.center[2], &stance.lifted);
+        shift
+    }
+
+    /// Tip-over margin, m, under a force of the ground in the plane of the chassis, N; zero without
+    /// weight. `[eq:tip-over]`
+    pub fn margin(&self, stance: &Stance<T>, force: Vec2<T>) -> T {
+        let center = self.center;
+        let weight = self.mass * stance.gravity_normal;
+        let bears = T::zero().less(weight);
+        let weight = T::select(bears, weight, T::one());
+        let at = vec2(center[0], center[1]);
+        let point = Support::zero_moment_point(weight, at, center[2], force);
+        T::select(bears, self.support().margin(point), T::zero())
+    }
+
+    /// An attitude to begin the search for that of a state with: the plane that is nearest to the
+    /// ground under the wheels.
+    pub fn guess(&self, platform: &Platform<T>, x: &[T]) -> Attitude<T> {
+        let mut normal = [[T::zero(); 3]; 3];
+        let mut right = [T::zero(); 3];
+        for wheel in platform.wheels() {
+            let arm = wheel.mount.rotated(x[YAW + 1], x[YAW + 2]);
+            let place = vec2((x[0] + arm.x).lane(0), (x[1] + arm.y).lane(0));
+            let height = T::from(self.terrain.height(place));
+            let row = [T::one(), wheel.mount.x, wheel.mount.y];
+            for a in 0..3 {
+                right[a] = row[a].mul_add(height, right[a]);
+                for b in 0..3 {
+                    normal[a][b] = row[a].mul_add(row[b], normal[a][b]);
+                }
+            }
+        }
+        let [height, ahead, aside] = solve3(&normal, right);
+        let run = ahead.mul_add(ahead, T::one()).sqrt();
+        [height, aside.atan2(run), (-ahead).atan2(T::one())]
+    }
+
+    /// How a platform stands at a state, found from an attitude near by.
+    pub fn stand(&self, platform: &Platform<T>, x: &[T], near: Attitude<T>) -> Stance<T> {
+        let count = platform.wheels().len();
+        let mut attitude = near;
+        let mut lifted = [false; MAX_WHEELS];
+        let mut found = false;
+        let mut before = f64::MAX;
+        let mut look = self.look(platform, x, attitude, &lifted);
+        if look.stance.standing != Standing::Stands {
+            return look.stance;
+        }
+        for attempt in 0..TRIES {
+            let change = solve3(&look.change, look.force);
+            let mut largest = 0.0_f64;
+            for k in 0..3 {
+                let most = T::from(if k == 0 { 1.0 } else { 0.2 });
+                let step = change[k].max(-most).min(most);
+                attitude[k] += step;
+                largest = largest.max(step.abs().lane(0));
+            }
+            if largest.is_nan() {
+                break;
+            }
+            // Once these wheels are at rest, the one that pulls hardest is lifted, or else the one that
+            // is deepest in the ground is put down.
+            if largest <= SETTLED && attempt > 0 {
+                let load = |i: &usize| look.borne[*i];
+                let pulling = (0..count).filter(|&i| !lifted[i] && load(&i) < 0.0);
+                let sunk = (0..count).filter(|&i| lifted[i] && load(&i) > 0.0);
+                let pulling = pulling.min_by(|a, b| load(a).total_cmp(&load(b)));
+                let turns = pulling.or(sunk.max_by(|a, b| load(a).total_cmp(&load(b))));
+                if let Some(i) = turns {
+                    lifted[i] = !lifted[i];
+                    before = f64::MAX;
+                    look = self.look(platform, x, attitude, &lifted);
+                    continue;
+                }
+                // As close as rounding lets it come, for stiff wheels make much of little.
+                found = largest <= CLOSE;
+                if found && 2.0 * largest > before {
+                    break;
+                }
+            }
+            before = largest;
+            look = self.look(platform, x, attitude, &lifted);
+        }
+        let bearing = lifted[..count].iter().filter(|&&lifted| !lifted).count();
+        let tilt = attitude[1].abs().max(attitude[2].abs());
+        let upright = tilt.less_equal(T::from(FALLEN)).all();
+        look.stance.attitude = attitude;
+        // On two wheels it balances, for no time.
+        let stands = found && upright && bearing >= 3;
+        if !stands && look.stance.standing == Standing::Stands {
+            look.stance.standing = Standing::Falls;
+        }
+        look.stance
+    }
+
+    /// What acts at an attitude, and how that changes with it; with these wheels in the air. The others
+    /// bear what they do, or pull.
+    fn look(
+        &self,
+        platform: &Platform<T>,
+        x: &[T],
+        attitude: Attitude<T>,
+        lifted: &[bool; MAX_WHEELS],
+    ) -> Look<T> {
+        let (cos_yaw, sin_yaw) = (x[YAW + 1], x[YAW + 2]);
+        let (sin_roll, cos_roll) = attitude[1].sin_cos();
+        let (sin_pitch, cos_pitch) = attitude[2].sin_cos();
+        // Axes of the chassis in the world.
+        let forward = [cos_yaw * cos_pitch, sin_yaw * cos_pitch, -sin_pitch];
+        let left = [
+            cos_yaw * sin_pitch * sin_roll - sin_yaw * cos_roll,
+            sin_yaw * sin_pitch * sin_roll + cos_yaw * cos_roll,
+            cos_pitch * sin_roll,
+        ];
+        let normal = cross(forward, left);
+        let place = |r: [T; 3]| {
+            [0, 1, 2].map(|k| r[0].mul_add(forward[k], r[1].mul_add(left[k], r[2] * normal[k])))
+        };
+        let weight = self.mass * self.gravity;
+        let center = place(self.center);
+        let down = [T::zero(), T::zero(), -weight];
+        let mut force = [
+            dot3(normal, down),
+            dot3(forward, cross(center, down)),
+            dot3(left, cross(center, down)),
+        ];
+        let push = [
+            dot3(forward, down),
+            dot3(left, down),
+            dot3(normal, cross(center, down)),
+        ];
+        // Over changes of height, roll and pitch; over heave, roll and pitch of the chassis; over its
+        // motion in its plane.
+        let mut change = [[T::zero(); 3]; 3];
+        let mut heave = [[T::zero(); 3]; 3];
+        let mut drawn = [[T::zero(); 3]; 3];
+        let aside = [-sin_yaw, cos_yaw, T::zero()];
+        let mut borne = [0.0; MAX_WHEELS];
+        let mut stance = Stance {
+            attitude,
+            loads: [T::zero(); MAX_WHEELS],
+            lifted: [T::Mask::splat(true); MAX_WHEELS],
+            grades: [T::zero(); MAX_WHEELS],
+            twists: [T::zero(); MAX_WHEELS],
+            push,
+            gravity_normal: self.gravity * normal[2],
+            rates: [[T::zero(); 3]; 3],
+            potential: weight * (attitude[0] + center[2]),
+            standing: Standing::Stands,
+        };
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let frame = platform.wheel_frame(i, x);
+            let hub = place([wheel.mount.x, wheel.mount.y, wheel.radius]);
+            let ahead = [0, 1, 2].map(|k| {
+                frame
+                    .forward
+                    .x
+                    .mul_add(forward[k], frame.forward.y * left[k])
+            });
+            let disc = Disc {
+                center: [
+                    (x[0] + hub[0]).lane(0),
+                    (x[1] + hub[1]).lane(0),
+                    (attitude[0] + hub[2]).lane(0),
+                ],
+                forward: ahead.map(|a| a.lane(0)),
+                up: normal.map(|a| a.lane(0)),
+                radius: wheel.radius.lane(0),
+            };
+            let touch = self.terrain.touch(&disc);
+            if touch.is_wall && stance.standing == Standing::Stands {
+                stance.standing = Standing::Blocked(i);
+            }
+            // The point of the rim that touches, from P.
+            let s = T::from(touch.ahead);
+            let below = ((wheel.radius - s) * (wheel.radius + s)).sqrt();
+            let arm = [0, 1, 2].map(|k| s.mul_add(ahead[k], hub[k]) - below * normal[k]);
+            let gradient = vec2(T::from(touch.gradient.x), T::from(touch.gradient.y));
+            // N (−∇h, 1): what the ground does there.
+            let pushed = [-gradient.x, -gradient.y, T::one()];
+            // How deep is known for plain numbers; to first order for those with derivatives.
+            let moved = [
+                x[0] + arm[0] - T::from((x[0] + arm[0]).lane(0)),
+                x[1] + arm[1] - T::from((x[1] + arm[1]).lane(0)),
+                attitude[0] + arm[2] - T::from((attitude[0] + arm[2]).lane(0)),
+            ];
+            let depth = T::from(touch.depth) - dot3(moved, pushed);
+            let load = self.stiffness[i].mul_add(depth, self.level[i]);
+            borne[i] = load.lane(0);
+            // A wheel in the air keeps a trace of stiffness: two wheels alone would have none to roll by.
+            let (load, stiffness) = if lifted[i] {
+                (T::zero(), self.stiffness[i] * T::from(1e-6))
+            } else {
+                (load, self.stiffness[i])
+            };
+            stance.lifted[i] = T::Mask::splat(lifted[i]);
+            let moment = cross(arm, pushed);
+            let out = [
+                dot3(normal, pushed),
+                dot3(forward, moment),
+                dot3(left, moment),
+            ];
+            let within = [
+                dot3(forward, pushed),
+                dot3(left, pushed),
+                dot3(normal, moment),
+            ];
+            let turned = [T::one(), out[1], dot3(aside, moment)];
+            for a in 0..3 {
+                force[a] = load.mul_add(out[a], force[a]);
+                stance.push[a] = load.mul_add(within[a], stance.push[a]);
+                let stiff = stiffness * out[a];
+                for b in 0..3 {
+                    change[a][b] = stiff.mul_add(turned[b], change[a][b]);
+                    heave[a][b] = stiff.mul_add(out[b], heave[a][b]);
+                    drawn[a][b] = stiff.mul_add(within[b], drawn[a][b]);
+                }
+            }
+            // About the axis of its steering, which it touches the ground ahead of.
+            let twist = load * s * dot3(cross(normal, ahead), pushed);
+            match wheel.steering {
+                // A caster that the ground turns takes the base with it.
+                Steering::Free { .. } => {
+                    for (k, unit) in [vec2(T::one(), T::zero()), vec2(T::zero(), T::one())]
+                        .into_iter()
+                        .enumerate()
+                    {
+                        let rate = platform.caster_rate(i, &frame, unit, T::zero());
+                        stance.push[k] = twist.mul_add(rate, stance.push[k]);
+                    }
+                    let rate = platform.caster_rate(i, &frame, Vec2::zero(), T::one());
+                    stance.push[2] = twist.mul_add(rate, stance.push[2]);
+                }
+                _ => stance.twists[i] = twist,
+            }
+            // Slope against the chassis, along the way of the wheel.
+            stance.grades[i] = -(frame.forward.dot(vec2(within[0], within[1])) / out[0]);
+            stance.loads[i] = load * gradient.dot(gradient).mul_add(T::one(), T::one()).sqrt();
+            let elastic = T::from(0.5) * load * load / self.stiffness[i];
+            stance.potential += elastic;
+        }
+        // As it moves in its plane it heaves, rolls and pitches so that its wheels stay on the ground.
+        let unit = |k: usize| [0, 1, 2].map(|a| T::from(f64::from(u8::from(a == k))));
+        for k in 0..3 {
+            let [rise, _, pitching] = solve3(&heave, drawn.map(|row| -row[k]));
+            let [ahead, aside, turning] = unit(k);
+            for a in 0..2 {
+                stance.rates[a][k] =
+                    ahead.mul_add(forward[a], aside.mul_add(left[a], rise * normal[a]));
+            }
+            stance.rates[2][k] = pitching.mul_add(sin_roll, turning * cos_roll) / cos_pitch;
+        }
+        Look {
+            stance,
+            borne,
+            force,
+            change,
+        }
+    }
+}
+
+impl<T: Scalar> Stance<T> {
+    /// Rates of x, y and yaw at a twist in the plane of the chassis.
+    #[inline(always)]
+    pub fn pose_rates(&self, velocity: Vec2<T>, yaw_rate: T) -> [T; 3] {
+        self.rates
+            .map(|row| row[0].mul_add(velocity.x, row[1].mul_add(velocity.y, row[2] * yaw_rate)))
+    }
+
+    /// Moment of the ground on each steering coordinate, N·m.
+    pub fn turns(&self, platform: &Platform<T>, x: &[T]) -> [T; MAX_DOF] {
+        let layout = platform.layout();
+        let mut turns = [T::zero(); MAX_DOF];
+        if layout.steered.is_empty() {
+            return turns;
+        }
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            if wheel.swivels() && !matches!(wheel.steering, Steering::Free { .. }) {
+                let row = platform.swivel_row(i, &platform.wheel_frame(i, x));
+                for k in 0..layout.steered.len() {
+                    turns[k] = row[layout.eta + k].mul_add(self.twists[i], turns[k]);
+                }
+            }
+        }
+        turns
+    }
+}
+
+/// What is known at an attitude.
+struct Look<T: Scalar> {
+    stance: Stance<T>,
+    /// What each wheel would bear on the ground, nominal, N; below zero it would pull.
+    borne: [f64; MAX_WHEELS],
+    /// Force along the normal of the chassis, and moments about its forward and left axes.
+    force: [T; 3],
+    /// How much these fall with height, roll and pitch.
+    change: [[T; 3]; 3],
+}
+
+fn cross<T: Scalar>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn dot3<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// Solves a system of three.
+fn solve3<T: Scalar>(a: &[[T; 3]; 3], b: [T; 3]) -> [T; 3] {
+    let columns = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])];
+    let scale = T::one() / dot3(a[0], columns[0]);
+    [0, 1, 2].map(|k| {
+        let sum = columns[0][k].mul_add(b[0], columns[1][k].mul_add(b[1], columns[2][k] * b[2]));
+        sum * scale
+    })
+}
