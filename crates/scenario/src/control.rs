@@ -352,6 +352,20 @@ pub struct Swap {
     pub to: String,
 }
 
+/// A number of the scenario that is another from a time on, as if somebody had turned a knob. The robots go
+/// on from where they are, as fast as they are.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Change {
+    /// Time, s.
+    pub at: f64,
+    /// Path of the number, such as `robot.tri.controller.speed`: of a controller, servo, sensor, body, wheel
+    /// or the ground. What a task asks for, and the periods of blocks, stay.
+    pub path: String,
+    /// The value from then on.
+    pub value: f64,
+}
+
 /// A controller or model of your own, in a file: a plug-in.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]

@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 
 pub use batch::{Batch, Draw, Sampling, Variant, Vary};
 pub use control::{
-    Channel, Controller, FIRST, FIRST_MODEL, Follower, Heading, Law, Model, OnFailure, Plugin,
-    PoseSource, STANDBY_MAX, Signal, Standby, Swap,
+    Change, Channel, Controller, FIRST, FIRST_MODEL, Follower, Heading, Law, Model, OnFailure,
+    Plugin, PoseSource, STANDBY_MAX, Signal, Standby, Swap,
 };
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};
@@ -57,6 +57,9 @@ pub struct Scenario {
     /// Controllers that take over while the run goes on.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub swap: Vec<Swap>,
+    /// Numbers that change while the run goes on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub change: Vec<Change>,
     /// Tables of how far robots are apart.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistics: Option<Statistics>,

@@ -192,6 +192,15 @@ impl Template {
         }
     }
 
+    /// All numbers, by the paths at which [`Template::with`] sets them.
+    pub fn numbers(&self) -> Vec<(String, f64)> {
+        let mut found = Vec::new();
+        for (key, value) in &self.table {
+            collect_numbers(value, key.clone(), &mut found);
+        }
+        found
+    }
+
     /// The scenario with numbers at paths, not checked and without its text.
     ///
     /// # Errors
@@ -219,6 +228,32 @@ impl Template {
             resolved: String::new(),
             trust_native: false,
         })
+    }
+}
+
+/// Numbers at and below a path.
+fn collect_numbers(value: &Value, path: String, found: &mut Vec<(String, f64)>) {
+    match value {
+        Value::Integer(whole) => found.push((path, *whole as f64)),
+        Value::Float(number) => found.push((path, *number)),
+        Value::Table(table) => {
+            for (key, value) in table {
+                collect_numbers(value, format!("{path}.{key}"), found);
+            }
+        }
+        Value::Array(items) => {
+            let names: Vec<String> = items.iter().map(entry_name).collect();
+            for (k, item) in items.iter().enumerate() {
+                // What has no name of its own is addressed by its place.
+                let alike = names.iter().filter(|name| **name == names[k]).count();
+                let name = match alike {
+                    1 if item.is_table() && names[k] != "?" => names[k].clone(),
+                    _ => k.to_string(),
+                };
+                collect_numbers(item, format!("{path}.{name}"), found);
+            }
+        }
+        Value::String(_) | Value::Boolean(_) | Value::Datetime(_) => {}
     }
 }
 

@@ -10,6 +10,7 @@
 pub mod batch;
 pub mod block;
 pub mod build;
+pub mod change;
 pub mod compare;
 pub mod controller;
 pub mod crossing;

@@ -170,6 +170,21 @@ pub(crate) struct Script {
 }
 
 impl Script {
+    /// Whether a plug-in was replaced by another version.
+    pub(crate) fn has_joined(&self) -> bool {
+        !self.joined.is_empty()
+    }
+
+    /// All changes of controllers and models, planned ones, too.
+    pub(crate) fn swaps(&self) -> &[Swap] {
+        &self.swaps
+    }
+
+    /// Something was changed by hand.
+    pub(crate) fn touch(&mut self) {
+        self.is_changed = true;
+    }
+
     pub(crate) fn of(scenario: &Scenario) -> Self {
         Script {
             swaps: scenario.swap.clone(),
@@ -332,6 +347,7 @@ impl Run {
             }
         }
         scenario.swap = self.script.swaps.clone();
+        scenario.change = self.changes().to_vec();
         Some(scenario)
     }
 }

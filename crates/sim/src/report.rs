@@ -477,6 +477,14 @@ fn difference_plots(
     plots
 }
 
+/// How much of the friction a contact force asks for, in percent of μN, to two digits: forces along and
+/// across the wheel and its load, N.
+pub fn friction_used(along: f64, across: f64, load: f64, friction: f64) -> f64 {
+    let demand = appell_model::math::hypot(along, across);
+    let limit = (friction * load).max(1e-9);
+    (1e4 * demand / limit).round().min(1e7) / 100.0
+}
+
 /// Three significant digits.
 fn digits(value: f64) -> String {
     let text = format!("{value:.2e}");
@@ -657,11 +665,7 @@ fn robot_plots(
                 .iter()
                 .zip(across)
                 .zip(load)
-                .map(|((along, across), load)| {
-                    let demand = appell_model::math::hypot(*along, *across);
-                    let limit = (friction * load).max(1e-9);
-                    (1e4 * demand / limit).round().min(1e7) / 100.0
-                })
+                .map(|((along, across), load)| friction_used(*along, *across, *load, friction))
                 .collect();
             let path = format!("wheel.{wheel}.friction_used");
             derived.insert(

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::block::Block;
 use crate::build::{self, Values};
+use crate::change::Rewiring;
 use crate::controller::Track;
 use crate::decide::{Deciding, Standing, changes, reach};
 use crate::drawing::drawing;
@@ -144,6 +145,7 @@ pub struct Run {
     scenario: Scenario,
     integrators: Vec<String>,
     pub(crate) script: Script,
+    pub(crate) rewiring: Rewiring,
 }
 
 /// SHA-256 of a text, in hexadecimal.
@@ -239,6 +241,14 @@ pub(crate) fn assemble<T: Scalar>(
     values: &Values<'_, T>,
 ) -> Result<Assembly<T>, Diagnostics> {
     let scenario = &loaded.scenario;
+    if !scenario.change.is_empty() {
+        return Err(refuse(
+            loaded,
+            "change".into(),
+            "must be empty here: only a single run changes its numbers on the way".into(),
+            "leave it out, or let a controller do it".into(),
+        ));
+    }
     let step = scenario.time.step;
     let ticks = |period: f64| -> u64 { (period / step).round().max(1.0) as u64 };
     let ground = build::ground_of(&scenario.terrain, values);
@@ -412,25 +422,35 @@ pub(crate) fn assemble<T: Scalar>(
 impl Run {
     /// Builds the world of a checked scenario, for a trial of its seed.
     pub fn new(loaded: &Loaded, trial: u64) -> Result<Run, Diagnostics> {
-        Run::planned(loaded, trial, &Plans::default())
+        Run::planned(loaded, trial, &Arc::default())
     }
 
     /// The same, with what new versions of its plug-ins are opened with while it goes on.
     pub fn with_workshop(loaded: &Loaded, trial: u64) -> Result<(Run, Workshop), Diagnostics> {
-        let plans = Plans::default();
+        let plans = Arc::<Plans>::default();
         let (run, reaches) = Run::made(loaded, trial, &plans)?;
         let workshop = Workshop::new(&run, reaches, loaded.trust_native, trial, &plans.plugins);
         Ok((run, workshop))
     }
 
     /// The same with ways that are known already.
-    pub(crate) fn planned(loaded: &Loaded, trial: u64, plans: &Plans) -> Result<Run, Diagnostics> {
+    pub(crate) fn planned(
+        loaded: &Loaded,
+        trial: u64,
+        plans: &Arc<Plans>,
+    ) -> Result<Run, Diagnostics> {
         Run::made(loaded, trial, plans).map(|(run, _)| run)
     }
 
-    fn made(loaded: &Loaded, trial: u64, plans: &Plans) -> Result<(Run, Vec<Reach>), Diagnostics> {
+    fn made(
+        loaded: &Loaded,
+        trial: u64,
+        plans: &Arc<Plans>,
+    ) -> Result<(Run, Vec<Reach>), Diagnostics> {
         let scenario = &loaded.scenario;
-        let assembly = assemble(loaded, trial, plans, &Values::new(&[]))?;
+        let mut first = loaded.clone();
+        let changes = std::mem::take(&mut first.scenario.change);
+        let assembly = assemble(&first, trial, plans, &Values::new(&[]))?;
         let world = World::wire(assembly.parts);
         if let Some(statistics) = &scenario.statistics {
             check_statistics(loaded, statistics, &world)?;
@@ -460,6 +480,7 @@ impl Run {
             world,
             header,
             paths,
+            rewiring: Rewiring::new(&first, changes, trial, plans)?,
             scenario: scenario.clone(),
             integrators: assembly.integrators,
             script: Script::of(scenario),
@@ -491,14 +512,10 @@ impl Run {
         between: &mut dyn FnMut(&mut Run),
     ) -> Result<Summary, SimError> {
         recorder.begin(&self.header)?;
-        let mut meter = Meter::new(&self.scenario, &self.header.signals);
+        let mut meter = self.meter();
         let mut shown = 0;
         let result = loop {
-            let mut listener = Measured {
-                meter: &mut meter,
-                recorder: &mut *recorder,
-            };
-            match self.world.advance_with(ticks, &mut listener) {
+            match self.advance(ticks, &mut meter, recorder) {
                 Ok(true) => {}
                 Ok(false) => break Ok(()),
                 Err(error) => break Err(error),
@@ -511,16 +528,39 @@ impl Run {
         if let Err(error @ SimError::Record(_)) = result {
             return Err(error);
         }
+        let summary = self.summary(&meter, result.as_ref().err());
+        let text = serde_json::to_value(&summary).expect("a summary is plain data");
+        // What was recorded until a failure is closed in order.
+        recorder.finish(&text)?;
+        Ok(summary)
+    }
+
+    /// What measures this run from its begin.
+    pub(crate) fn meter(&self) -> Meter<f64> {
+        Meter::new(&self.scenario, &self.header.signals)
+    }
+
+    /// Makes the changes that are due, a step, and goes on while nothing is due but motion, for at most
+    /// `limit` steps.
+    pub(crate) fn advance(
+        &mut self,
+        limit: u64,
+        meter: &mut Meter<f64>,
+        recorder: &mut dyn Recorder,
+    ) -> Result<bool, SimError> {
+        let limit = limit.min(self.change_due()?);
+        let mut listener = Measured { meter, recorder };
+        self.world.advance_with(limit, &mut listener)
+    }
+
+    /// What became of the run so far, which an error may have broken off.
+    pub(crate) fn summary(&self, meter: &Meter<f64>, error: Option<&SimError>) -> Summary {
         let account = Account {
             scenario: &self.scenario,
             integrators: &self.integrators,
             hash: &self.header.hash,
         };
-        let summary = account.summary(&self.world, &meter, 0, result.as_ref().err());
-        let text = serde_json::to_value(&summary).expect("a summary is plain data");
-        // What was recorded until a failure is closed in order.
-        recorder.finish(&text)?;
-        Ok(summary)
+        account.summary(&self.world, meter, 0, error)
     }
 }
 

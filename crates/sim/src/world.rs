@@ -123,6 +123,16 @@ pub enum SimError {
         /// Time, s.
         t: f64,
     },
+    /// A number could not change as the scenario says.
+    #[error("{path}: cannot change at t = {t} s: {problem}")]
+    Change {
+        /// Path of the number.
+        path: String,
+        /// Why not.
+        problem: String,
+        /// Time, s.
+        t: f64,
+    },
     /// The recording could not be written.
     #[error(transparent)]
     Record(#[from] RecordError),

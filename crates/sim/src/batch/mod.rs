@@ -14,8 +14,8 @@ mod part;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -173,7 +173,7 @@ pub struct Batch {
     variants: Vec<(Loaded, Vec<(String, String)>)>,
     templates: Vec<Template>,
     manifest: Manifest,
-    plans: Plans,
+    plans: Arc<Plans>,
 }
 
 /// Values that are drawn for one robot of a count, with their paths: those of a batch that varies the
@@ -332,7 +332,7 @@ impl Batch {
             templates: templates?,
             variants,
             manifest,
-            plans: Plans::default(),
+            plans: Arc::default(),
         };
         let drawn = plan.vary.iter().map(|vary| Column {
             name: vary.path.clone(),

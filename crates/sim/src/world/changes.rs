@@ -498,3 +498,39 @@ impl<T: Scalar> World<T> {
         &self.swapped
     }
 }
+
+impl World {
+    /// Tells of something at the next step.
+    pub(crate) fn announce(&mut self, event: Event) {
+        self.events.push((0, event));
+    }
+
+    /// Leaves out what was to be told of the same thing at this instant.
+    pub(crate) fn forget(&mut self, event: &Event) {
+        let what = |text: &str| text.split_once(": ").map(|(what, _)| what.to_owned());
+        self.events.retain(|(_, one)| {
+            one.t != event.t
+                || one.kind != event.kind
+                || one.robot != event.robot
+                || what(&one.text) != what(&event.text)
+        });
+    }
+
+    /// Takes over what another world has not told yet.
+    pub(crate) fn inherit(&mut self, other: &mut World) {
+        self.events.append(&mut other.events);
+    }
+
+    /// Names of a robot's controllers, and which of them drives.
+    pub(crate) fn deciding(&self, robot: usize) -> (&[String], usize) {
+        let roster = &self.rosters[robot];
+        (&roster.names, roster.active)
+    }
+
+    /// Where a robot is, m.
+    pub(crate) fn place(&self, robot: &str) -> Option<[f64; 2]> {
+        let referee = self.referees.iter().find(|one| one.robot == robot)?;
+        let [x, y, ..] = referee.watched.map(|k| self.row[k]);
+        Some([x, y])
+    }
+}

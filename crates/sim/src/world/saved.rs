@@ -57,6 +57,8 @@ impl World {
             referee.judges[0] = serde_json::from_slice(judge).ok()?;
             at += 8 + judge.len();
         }
+        // What this world would have told of its own begin is not told.
+        self.events.clear();
         self.ticks[0] = tick;
         self.running[0] = true;
         self.seek(tick);
