@@ -40,6 +40,8 @@ pub enum Color {
 pub enum Command {
     /// Run scenarios: record, judge, and write summary, pictures and report.
     Run(RunOptions),
+    /// Look at a run in the browser while it goes on, and change it.
+    Studio(StudioOptions),
     /// Check a scenario or robot file, and report on the robot's design.
     Check(CheckOptions),
     /// Run many trials of a scenario, and show how its figures are distributed.
@@ -133,6 +135,28 @@ pub struct RunOptions {
     /// Seconds of simulated time per second [default: as fast as can be; with --watch 1].
     #[arg(long, value_name = "RATE", value_parser = pace)]
     pub pace: Option<f64>,
+}
+
+/// Options of `studio`.
+#[derive(Args)]
+pub struct StudioOptions {
+    /// A scenario, or the recording of a run.
+    #[arg(
+        value_name = "SCENARIO|RECORDING",
+        default_value = "scenarios/slalom.toml"
+    )]
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Print the address only.
+    #[arg(long)]
+    pub no_browser: bool,
+    /// Port on this machine [default: any that is free].
+    #[arg(long)]
+    pub port: Option<u16>,
+    /// Load libraries that the scenario names as plug-ins into the process of the studio.
+    #[arg(long)]
+    pub trust_native: bool,
 }
 
 /// A pace above zero.

@@ -15,6 +15,7 @@ mod plot;
 mod plugin;
 mod run;
 mod sensitivity;
+mod studio;
 mod terminal;
 mod umbmark;
 mod uneven;
@@ -47,6 +48,7 @@ fn main() -> ExitCode {
         Command::Batch(options) => batch::batch(&options),
         Command::Check(options) => check::check(&options),
         Command::Sensitivity(options) => sensitivity::sensitivity(&options),
+        Command::Studio(options) => studio::studio(&options),
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),

@@ -109,6 +109,7 @@ pub fn run(root: &Path) -> Result<(), String> {
             }
         }
     }
+    crate::studio::check(root)?;
     println!("\nall checks passed");
     Ok(())
 }

@@ -3,6 +3,7 @@
 pub mod checks;
 pub mod docs;
 pub mod layouts;
+pub mod studio;
 pub mod vectors;
 
 use std::path::{Path, PathBuf};

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 const USAGE: &str = "usage:
   cargo xtask test                     every check: format, lints, licenses, types, tests
+  cargo xtask studio                   build the studio with its page (needs Node)
   cargo xtask vectors DIR --out OUT    run the reference vectors of a folder
   cargo xtask layouts DIR --out OUT    run the task layouts of a folder
   cargo xtask docs                     write the book's reference pages";
@@ -14,6 +15,7 @@ fn main() -> ExitCode {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let result = match words.as_slice() {
         ["test"] => xtask::checks::run(&xtask::root()).map(|()| true),
+        ["studio"] => xtask::studio::build(&xtask::root()).map(|()| true),
         ["vectors", folder, "--out", out] => {
             let done = xtask::vectors::run_folder(&PathBuf::from(folder), &PathBuf::from(out));
             done.map_err(|error| format!("{folder}: {error}"))

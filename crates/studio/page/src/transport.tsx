@@ -1,0 +1,56 @@
+// Time: what runs, how fast, where one looks, and the lines that branched.
+
+import { useRef } from 'preact/hooks';
+import { multiples, niceStep } from '../../../sim/web/draw.js';
+import type { Line, LineState, State } from './net';
+
+export const SPEEDS = [0.01, 0.1, 0.25, 0.5, 1, 2, 5, 10, 100, 0];
+
+type Props = {
+  state: State; line: Line; about: LineState; lines: LineState[]; times: (id: number) => number; t: number; cursor: number | null; replaying: boolean;
+  play: () => void; seek: (t: number | null) => void; run: (command: Record<string, unknown>) => Promise<unknown>; branch: () => void;
+};
+
+export function Transport({ state, line, about, lines, times, t, cursor, replaying, play, seek, run, branch }: Props) {
+  const rail = useRef<HTMLDivElement>(null);
+  const longest = Math.max(1e-3, ...lines.map(one => times(one.id)));
+  const top = about.over ? longest : Math.max(longest, Math.min(about.duration, Math.ceil(longest / 5 + 0.2) * 5));
+  const where = (s: number) => `${Math.min(100, s / top * 100)}%`;
+  const runs = state.playing || replaying;
+  const pick = (event: PointerEvent) => {
+    const box = rail.current?.getBoundingClientRect();
+    if (box) seek(Math.max(0, Math.min(line.end, (event.clientX - box.left) / box.width * top)));
+  };
+  const step = niceStep(top, 9);
+  const shownLines = lines.slice(-4);
+  return <footer class="bot">
+    <div class="tp">
+      <button aria-label="To the beginning" title="To the beginning (Home)" onClick={() => seek(0)}><svg viewBox="0 0 16 16"><path d="M11 3v10L4 8zM3 3h1.6v10H3z" /></svg></button>
+      <button class="main" aria-label={runs ? 'Pause' : 'Play'} title={(runs ? 'Pause' : 'Play') + ' (Space)'} onClick={play}><svg viewBox="0 0 16 16">{runs ? <path d="M3.5 2.5h3v11h-3zM9.5 2.5h3v11h-3z" /> : <path d="M4 2.5v11l9-5.5z" />}</svg></button>
+      <button aria-label="One row on" title="One recorded row on (→)" onClick={() => { if (cursor === null && !about.over) void run({ do: 'step' }); else seek(t + line.scene.period); }}><svg viewBox="0 0 16 16"><path d="M5 3v10l7-5zM11.4 3H13v10h-1.6z" /></svg></button>
+      <select aria-label="speed" title="Seconds of the run per second (, and .)" value={state.speed} onChange={e => void run({ do: 'speed', factor: Number((e.target as HTMLSelectElement).value) })}>{SPEEDS.map(s => <option value={s}>{s === 0 ? 'free' : `${s}×`}</option>)}</select>
+      <span class="time"><b data-time>{t.toFixed(2)}</b> s</span>
+      <span class="of">{about.over ? `of ${line.end.toFixed(2)} s` : cursor === null ? `limit ${about.duration} s` : `of ${line.end.toFixed(2)} s so far`}</span>
+      <button onClick={branch} title="A new line from here on; this one stays (B)">Branch here</button>
+      {cursor !== null && !about.over && <button onClick={() => seek(null)} title="To the newest instant (End)">To now</button>}
+      <button onClick={() => void run({ do: 'restart' }).then(() => seek(null))} title="Drive this line again from its beginning">Restart</button>
+      <span class="grow" />
+      <span class="hint"><kbd>Space</kbd> play <kbd>←</kbd><kbd>→</kbd> step <kbd>B</kbd> branch <span class="far"><kbd>W</kbd><kbd>A</kbd><kbd>S</kbd><kbd>D</kbd> drive</span> <kbd>?</kbd> all keys</span>
+    </div>
+    <div class="lanes">
+      <div class="names">{shownLines.map(one => <button class="bare" aria-pressed={one.id === state.active} title={one.id === state.active ? `Line ${one.name}: ${one.what}` : `Go on with line ${one.name}: ${one.what}`} onClick={() => { if (one.id !== state.active) void run({ do: 'activate', line: one.id }); }}>{one.name}</button>)}</div>
+      <div class="rail" ref={rail} role="slider" tabIndex={0} aria-label="time" aria-valuemin={0} aria-valuemax={Number(line.end.toFixed(2))} aria-valuenow={Number(t.toFixed(2))} aria-valuetext={`${t.toFixed(2)} seconds`}
+        onPointerDown={e => { rail.current?.setPointerCapture(e.pointerId); pick(e); }} onPointerMove={e => { if (e.buttons & 1) pick(e); }}>
+        {shownLines.map(one => { const from = one.parent?.[1] ?? 0; const active = one.id === state.active; return <div class="lane" data-active={active}>
+          <i class="whole" style={{ left: where(from), right: `calc(100% - ${where(times(one.id))})` }} />
+          {active && <i class="gone" style={{ left: '0', right: `calc(100% - ${where(t)})` }} />}
+          {one.parent && <i class="fork" style={{ left: where(from) }} title={`branched from ${one.parent[0]} at ${from.toFixed(2)} s: ${one.what}`} />}
+          {active && one.events.slice(-60).map(e => <button class="mark" data-kind={e.kind} tabIndex={-1} aria-label={`event ${e.n} at ${e.t.toFixed(2)} s: ${e.text}`} title={`${e.t.toFixed(2)} s: ${e.text}${e.detail ? `, ${e.detail}` : ''}`} style={{ left: where(e.t) }} onPointerDown={ev => { ev.stopPropagation(); seek(e.t); }}>{e.kind === 'change' || e.kind === 'swap' ? '' : e.n}</button>)}
+          {one.over && <span class="end" data-verdict={one.verdict} style={{ left: where(times(one.id)) }}>{one.verdict === 'passed' ? '✓' : one.verdict === 'failed' ? '✗' : '■'}</span>}
+        </div>; })}
+        <div class="ticks" aria-hidden="true">{multiples(0, top, step).map((v: number) => <span style={{ left: where(v) }}>{Number(v.toFixed(6))}{v + step > top ? ' s' : ''}</span>)}</div>
+        <i class="now" style={{ left: where(t) }} />
+      </div>
+    </div>
+  </footer>;
+}

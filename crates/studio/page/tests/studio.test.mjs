@@ -1,0 +1,169 @@
+// The page in a real browser: everything that people do first, on a server of its own.
+
+import assert from 'node:assert/strict';
+import { execFileSync, spawn } from 'node:child_process';
+import { cpSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import { tmpdir } from 'node:os';
+import { join, resolve } from 'node:path';
+import { after, before, test } from 'node:test';
+import { chromium } from 'playwright-core';
+
+const root = resolve(import.meta.dirname, '../../../..');
+const bin = name => join(root, 'target/release', name);
+const axe = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
+let folder, child, address, browser, page;
+const complaints = [];
+
+before(async () => {
+  folder = mkdtempSync(join(tmpdir(), 'appell-studio-'));
+  cpSync(join(root, 'scenarios'), join(folder, 'scenarios'), { recursive: true });
+  cpSync(join(root, 'robots'), join(folder, 'robots'), { recursive: true });
+  child = spawn(bin('appell-studio'), [join(folder, 'scenarios/slalom.toml'), '--no-browser'], { stdio: ['ignore', 'pipe', 'ignore'] });
+  address = await new Promise(done => child.stdout.once('data', bytes => done(String(bytes).trim())));
+  browser = await chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox'] });
+  page = await browser.newPage({ viewport: { width: 1280, height: 800 }, colorScheme: 'light' });
+  page.on('console', message => { if (['error', 'warning'].includes(message.type())) complaints.push(message.text()); });
+  page.on('pageerror', error => complaints.push(String(error)));
+});
+after(async () => {
+  await browser?.close();
+  child?.kill();
+  rmSync(folder, { recursive: true, force: true });
+});
+
+const state = async () => (await fetch(address + 'api/state')).json();
+const active = s => s.lines.find(line => line.id === s.active);
+const until = async (what, holds) => {
+  for (let k = 0; k < 100; k++) {
+    const s = await state();
+    if (holds(s)) return s;
+    await page.waitForTimeout(100);
+  }
+  assert.fail(`${what}: ${JSON.stringify(await state()).slice(0, 600)}`);
+};
+
+test('the page opens within a second or so, and tells what runs', async () => {
+  const begun = performance.now();
+  await page.goto(address);
+  await page.getByRole('button', { name: 'Play', exact: true }).waitFor();
+  console.log(`first picture after ${Math.round(performance.now() - begun)} ms`);
+  assert.equal(await page.locator('svg .beacon').count(), 5);
+  assert.equal(await page.getByLabel('controller').inputValue(), 'controller');
+});
+
+test('play, pause, step, scrub', async () => {
+  await page.keyboard.press('Space');
+  await until('runs', s => active(s).end > 0.5);
+  await page.getByRole('button', { name: 'Pause' }).click();
+  const paused = await until('holds', s => !s.playing);
+  await page.waitForTimeout(200);
+  assert.equal(active(await state()).end, active(paused).end);
+  await page.keyboard.press('ArrowRight');
+  const stepped = await until('steps', s => active(s).end > active(paused).end);
+  assert.ok(Math.abs(active(stepped).end - active(paused).end - 0.01) < 1e-9);
+  await page.keyboard.press('Home');
+  assert.equal(await page.locator('[data-time]').textContent(), '0.00');
+  await page.keyboard.press('End');
+  assert.equal(await page.locator('[data-time]').textContent(), active(stepped).end.toFixed(2));
+});
+
+test('a slider changes a number while it drives, and undo takes it back', async () => {
+  const slider = page.getByRole('slider', { name: 'controller.lookahead' });
+  await slider.focus();
+  for (let k = 0; k < 10; k++) await page.keyboard.press('ArrowRight');
+  const changed = await until('changes', s => s.changes.length > 0);
+  assert.equal(changed.changes[0][1], 'robot.tri.controller.lookahead');
+  while ((await state()).undo) await page.getByRole('button', { name: 'Undo' }).click();
+  const back = await until('is undone', s => s.changes.length === 0);
+  assert.ok(active(back).end > 0.5, 'it is where it was');
+});
+
+test('a change in the past makes a branch', async () => {
+  const before = await state();
+  await page.keyboard.press('Shift+ArrowLeft');
+  await page.keyboard.press('b');
+  const branched = await until('branches', s => s.lines.length === before.lines.length + 1);
+  assert.equal(active(branched).parent[0], 'A');
+});
+
+test('a law takes over while it drives, and a beacon is dragged', async () => {
+  await page.getByLabel('controller').selectOption('stanley');
+  await until('swaps', s => s.robots[0].controllers.some(c => c.name === 'stanley'));
+  await page.keyboard.press('ArrowRight');
+  await until('drives', s => s.robots[0].driving === 'stanley');
+  const box = await page.locator('svg .beacon').nth(4).boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 10, box.y - 30, { steps: 6 });
+  await page.mouse.up();
+  const moved = await until('moves', s => s.beacons[4].position[1] > 2.1);
+  assert.equal(moved.beacons.length, 5);
+});
+
+test('hands drive by keys', async () => {
+  await page.getByLabel('controller').selectOption('hand');
+  await until('stands by', s => s.robots[0].controllers.some(c => c.name === 'hand'));
+  await page.locator('body').click({ position: { x: 700, y: 20 } });
+  await page.keyboard.press('Space');
+  await until('drives', s => s.robots[0].driving === 'hand');
+  await page.keyboard.down('w');
+  await page.waitForTimeout(700);
+  await page.keyboard.down('a');
+  await page.waitForTimeout(500);
+  await page.keyboard.up('a');
+  await page.keyboard.up('w');
+  const driven = await until('is told', s => s.changes.filter(c => c[1].includes('hand')).length >= 4);
+  assert.ok(driven.changes.some(c => c[1].endsWith('forward.signal.value') && c[2] > 0));
+  await page.keyboard.press('Space');
+  await until('holds', s => !s.playing);
+});
+
+test('what was saved repeats from the command line, bit for bit', async () => {
+  const line = (await state()).active;
+  await page.keyboard.press('Control+s');
+  await page.getByRole('textbox', { name: 'Name' }).fill('mine');
+  await page.getByRole('button', { name: 'Save', exact: true }).click();
+  await until('saves', s => s.saved === 'mine');
+  const rows = async () => {
+    const end = active(await state()).end;
+    const asked = `api/series?line=${line}&from=0&to=${end}&points=8192&signals=robot.tri.pose.x,robot.tri.pose.yaw,robot.tri.wheel.left.voltage`;
+    return (await (await fetch(address + asked)).text()).trim().split('\n').slice(1);
+  };
+  const here = await rows();
+  execFileSync(bin('appell'), ['run', join(folder, 'scenarios/mine.toml'), '--csv', '--no-report', '--out', join(folder, 'out')], { stdio: 'ignore' }).toString;
+  const text = readFileSync(join(folder, 'out/recording.csv'), 'utf8').trim().split('\n');
+  const names = text[0].split(',').map(name => name.replace(/ .*| *\[.*/, ''));
+  const columns = ['t', 'robot.tri.pose.x', 'robot.tri.pose.yaw', 'robot.tri.wheel.left.voltage'].map(name => names.findIndex(n => n === name));
+  assert.ok(columns.every(k => k >= 0), text[0]);
+  assert.ok(here.length > 50);
+  here.forEach((row, k) => {
+    const mine = row.split(',').map(Number);
+    const theirs = columns.map(c => Number(text[k + 1].split(',')[c]));
+    assert.equal(mine[0], theirs[0]);
+    for (let i = 1; i < 4; i++) assert.equal(Math.fround(theirs[i]), Math.fround(mine[i]), `row ${k}`);
+  });
+}, { timeout: 60000 });
+
+test('a page that reloads, and a second one, see the same run', async () => {
+  const before = active(await state()).end;
+  await page.reload();
+  const second = await browser.newPage();
+  await second.goto(address);
+  for (const one of [page, second]) {
+    await one.locator('[data-time]').waitFor();
+    assert.equal(await one.locator('[data-time]').textContent(), before.toFixed(2));
+  }
+  await second.close();
+});
+
+for (const theme of ['light', 'dark']) test(`axe finds nothing serious in ${theme}`, async () => {
+  if (await page.evaluate(() => document.documentElement.dataset.theme) !== theme) await page.keyboard.press('t');
+  await page.waitForTimeout(200);
+  await page.evaluate(axe);
+  const found = await page.evaluate(() => window.axe.run());
+  const serious = found.violations.filter(v => ['serious', 'critical'].includes(v.impact)).map(v => `${v.id}: ${v.nodes.map(n => n.target.join(' ') + ' ' + (n.any[0]?.message ?? '')).slice(0, 4).join(' | ')}`);
+  assert.deepEqual(serious, []);
+});
+
+test('the console is silent', () => assert.deepEqual(complaints, []));

@@ -1,0 +1,10 @@
+//! The interactive front of Appell: a server on loopback that owns the run, and the page that shows it.
+//!
+//! [`studio`] is what happens to a run, [`driver`] the thread that lets time pass, [`history`] what was driven,
+//! [`wire`] and [`web`] how pages see it. The page is in `page/`.
+
+pub mod driver;
+pub mod history;
+pub mod studio;
+pub mod web;
+pub mod wire;

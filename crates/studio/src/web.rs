@@ -1,0 +1,558 @@
+//! The network side: a page, a socket and a small HTTP interface, for this machine alone.
+//!
+//! Everything lies below a random token. `Host` must name this machine and `Origin`, where there is one, must be
+//! the page's own, so that no page of another site reaches it, not even by a name that resolves to loopback.
+//! Bodies, messages, rates and connections are bounded; no name of a file in an address reaches the file system.
+
+use std::collections::BTreeMap;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
+use axum::extract::{DefaultBodyLimit, Path, Query, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Json, Response};
+use axum::routing::{get, post};
+use futures_util::{SinkExt, StreamExt};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use tokio::net::TcpListener;
+use tokio::sync::{Semaphore, mpsc};
+
+use crate::driver::{Driver, FRAME};
+use crate::studio::{Command, Refusal};
+use crate::wire;
+
+/// Longest body or message, bytes.
+const MESSAGE_MAX: usize = 64 << 10;
+/// Most connections at once.
+const CONNECTIONS_MAX: usize = 96;
+/// Most pages at once.
+const PAGES_MAX: usize = 16;
+/// Longest time for the head of a request.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Messages of a page per second, and at once.
+const RATE: f64 = 400.0;
+const BURST: f64 = 800.0;
+/// Widest picture of series, points, and most signals in it.
+const POINTS_MAX: usize = 8192;
+const SIGNALS_MAX: usize = 64;
+/// Longest time in which a page has to take a frame.
+const STALLED: Duration = Duration::from_secs(60);
+
+/// The built page.
+#[derive(rust_embed::RustEmbed)]
+#[folder = "page/dist"]
+#[allow_missing = true]
+struct Page;
+
+/// What is shown where the page has not been built.
+const UNBUILT: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Appell Studio</title>\
+<body style=\"font:16px/1.6 sans-serif;max-width:40em;margin:4em auto;padding:0 1em\">\
+<h1>The page has not been built</h1><p>This server was compiled without its page. Building it needs \
+<a href=\"https://nodejs.org\">Node</a> 20.19 or later. In the project's folder:</p>\
+<pre>cargo xtask studio</pre><p>Then start <code>appell studio</code> again. \
+The interface for programs works all the same.</p></body></html>";
+
+struct Server {
+    driver: Arc<Driver>,
+    token: String,
+    pages: Arc<Semaphore>,
+}
+
+type Shared = State<Arc<Server>>;
+
+/// A random token of 128 bits.
+///
+/// # Errors
+/// The machine gives no random numbers.
+pub fn token() -> Result<String, getrandom::Error> {
+    let mut bytes = [0_u8; 16];
+    getrandom::fill(&mut bytes)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Listens on loopback; port 0 is any.
+///
+/// # Errors
+/// The port is taken.
+pub async fn listen(port: u16) -> std::io::Result<TcpListener> {
+    TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await
+}
+
+/// Serves until it is dropped.
+pub async fn serve(listener: TcpListener, driver: Arc<Driver>, token: String) {
+    let server = Arc::new(Server {
+        driver,
+        token,
+        pages: Arc::new(Semaphore::new(PAGES_MAX)),
+    });
+    let app = router(server);
+    let connections = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            // Out of descriptors: those that there are will end.
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            continue;
+        };
+        let Ok(place) = connections.clone().try_acquire_owned() else {
+            drop(stream);
+            continue;
+        };
+        let _ = stream.set_nodelay(true);
+        let app = app.clone();
+        tokio::spawn(async move {
+            let service = hyper::service::service_fn(
+                move |request: hyper::Request<hyper::body::Incoming>| {
+                    let mut app = app.clone();
+                    async move { tower_service::Service::call(&mut app, request.map(Body::new)).await }
+                },
+            );
+            // A connection that is refused or breaks off concerns nobody else.
+            let _ = hyper::server::conn::http1::Builder::new()
+                .timer(hyper_util::rt::TokioTimer::new())
+                .header_read_timeout(PATIENCE)
+                .max_buf_size(MESSAGE_MAX)
+                .serve_connection(hyper_util::rt::TokioIo::new(stream), service)
+                .with_upgrades()
+                .await;
+            drop(place);
+        });
+    }
+}
+
+fn router(server: Arc<Server>) -> Router {
+    Router::new()
+        .route("/{token}/", get(index))
+        .route("/{token}/assets/{name}", get(asset))
+        .route("/{token}/socket", get(socket))
+        .route("/{token}/api/state", get(state))
+        .route("/{token}/api/openapi.json", get(openapi))
+        .route("/{token}/api/command", post(command))
+        .route("/{token}/api/series", get(series))
+        .route("/{token}/api/lines/{line}/recording.mcap", get(recording))
+        .fallback(async || StatusCode::NOT_FOUND)
+        .layer(DefaultBodyLimit::max(MESSAGE_MAX))
+        .layer(middleware::from_fn_with_state(server.clone(), guard))
+        .with_state(server)
+}
+
+/// Whether two texts are equal, in a time that tells nothing of where they differ.
+fn equals(one: &str, other: &str) -> bool {
+    let differ = one
+        .bytes()
+        .zip(other.bytes())
+        .fold(0, |d, (a, b)| d | (a ^ b));
+    one.len() == other.len() && differ == 0
+}
+
+/// Whether a `Host` is a name of this machine, at whatever port a tunnel has.
+fn is_local(host: &str) -> bool {
+    let name = match host.strip_prefix("[::1]") {
+        Some(rest) => return rest.is_empty() || rest.starts_with(':'),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    name == "127.0.0.1" || name.eq_ignore_ascii_case("localhost")
+}
+
+/// Refuses what does not come from the page or with its token, before anything else looks at it.
+async fn guard(State(server): Shared, request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let text = |name: header::HeaderName| -> Option<Option<String>> {
+        let mut values = headers.get_all(name).iter();
+        match (values.next(), values.next()) {
+            (None, _) => Some(None),
+            (Some(value), None) => Some(Some(value.to_str().ok()?.to_owned())),
+            (Some(_), Some(_)) => None,
+        }
+    };
+    let host = text(header::HOST).flatten();
+    let Some(host) = host.filter(|host| is_local(host)) else {
+        return (
+            StatusCode::MISDIRECTED_REQUEST,
+            "Host must be this machine\n",
+        )
+            .into_response();
+    };
+    let is_own = match text(header::ORIGIN) {
+        Some(None) => true,
+        Some(Some(origin)) => origin == format!("http://{host}"),
+        None => false,
+    };
+    if !is_own {
+        return (StatusCode::FORBIDDEN, "Origin must be the page's own\n").into_response();
+    }
+    let given = request.uri().path().split('/').nth(1).unwrap_or_default();
+    if !equals(given, &server.token) {
+        return (
+            StatusCode::FORBIDDEN,
+            "the address must have the token that the studio printed\n",
+        )
+            .into_response();
+    }
+    let mut response = next.run(request).await;
+    let set = [
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (
+            header::CONTENT_SECURITY_POLICY,
+            "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
+             font-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+        ),
+    ];
+    for (name, value) in set {
+        response
+            .headers_mut()
+            .insert(name, HeaderValue::from_static(value));
+    }
+    let cached = header::CACHE_CONTROL;
+    if !response.headers().contains_key(&cached) {
+        let value = HeaderValue::from_static("no-store");
+        response.headers_mut().insert(cached, value);
+    }
+    response
+}
+
+fn file(name: &str) -> Option<Response> {
+    let found = Page::get(name)?;
+    let kind = match name.rsplit('.').next() {
+        Some("html") => "text/html; charset=utf-8",
+        Some("js") => "text/javascript; charset=utf-8",
+        Some("css") => "text/css; charset=utf-8",
+        Some("svg") => "image/svg+xml",
+        Some("woff2") => "font/woff2",
+        _ => "application/octet-stream",
+    };
+    Some(([(header::CONTENT_TYPE, kind)], found.data.into_owned()).into_response())
+}
+
+async fn index() -> Response {
+    file("index.html").unwrap_or_else(|| {
+        (
+            [(header::CONTENT_TYPE, "text/html; charset=utf-8")],
+            UNBUILT,
+        )
+            .into_response()
+    })
+}
+
+/// Files are embedded: a name finds one of them, or nothing.
+async fn asset(Path((_, name)): Path<(String, String)>) -> Response {
+    file(&format!("assets/{name}")).unwrap_or_else(|| StatusCode::NOT_FOUND.into_response())
+}
+
+async fn state(State(server): Shared) -> Response {
+    let view = server.driver.view();
+    (
+        [(header::CONTENT_TYPE, "application/json")],
+        view.state.to_string(),
+    )
+        .into_response()
+}
+
+async fn openapi() -> Response {
+    (
+        [(header::CONTENT_TYPE, "application/json")],
+        include_str!("openapi.json"),
+    )
+        .into_response()
+}
+
+fn refused(refusal: &Refusal) -> Value {
+    json!({"path": refusal.path, "problem": refusal.problem, "hint": refusal.hint})
+}
+
+async fn command(State(server): Shared, body: axum::body::Bytes) -> Response {
+    let command = match serde_json::from_slice::<Command>(&body) {
+        Ok(command) => command,
+        Err(error) => {
+            let refusal = Refusal::new(error.to_string(), "the book lists the commands");
+            return (StatusCode::BAD_REQUEST, Json(refused(&refusal))).into_response();
+        }
+    };
+    match server.driver.command(command).await {
+        Ok(value) => Json(value).into_response(),
+        Err(refusal) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refused(&refusal))).into_response(),
+    }
+}
+
+/// A request for series.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SeriesRequest {
+    line: u32,
+    /// Paths; in an address separated by commas.
+    signals: Paths,
+    from: f64,
+    to: f64,
+    points: usize,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+enum Paths {
+    List(Vec<String>),
+    Text(String),
+}
+
+impl SeriesRequest {
+    fn find(&self, driver: &Driver) -> Result<crate::history::Series, Refusal> {
+        let paths = match &self.signals {
+            Paths::List(paths) => paths.clone(),
+            Paths::Text(text) => text.split(',').map(str::to_owned).collect(),
+        };
+        if paths.len() > SIGNALS_MAX || !(1..=POINTS_MAX).contains(&self.points) {
+            return Err(Refusal::new(
+                format!("must be at most {SIGNALS_MAX} signals and 1 to {POINTS_MAX} points"),
+                "",
+            ));
+        }
+        if !(self.from.is_finite() && self.to.is_finite()) {
+            return Err(Refusal::new("from and to must be finite times, s", ""));
+        }
+        let view = driver.view();
+        let line = view.lines.iter().find(|line| line.id == self.line);
+        let line =
+            line.ok_or_else(|| Refusal::new(format!("there is no line {}", self.line), ""))?;
+        let history = line.history.lock().expect("nothing panics with it");
+        Ok(history.series(&paths, self.from, self.to, self.points))
+    }
+}
+
+/// Series as CSV, in full where points are enough.
+async fn series(State(server): Shared, Query(asked): Query<SeriesRequest>) -> Response {
+    match asked.find(&server.driver) {
+        Ok(series) => {
+            let mut text = String::from("t");
+            let names = match &asked.signals {
+                Paths::List(paths) => paths.join(","),
+                Paths::Text(text) => text.clone(),
+            };
+            text.push(',');
+            text.push_str(&names);
+            for (k, t) in series.times.iter().enumerate() {
+                text.push_str(&format!("\n{t}"));
+                for column in &series.columns {
+                    text.push_str(&format!(",{}", column[k]));
+                }
+            }
+            text.push('\n');
+            ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], text).into_response()
+        }
+        Err(refusal) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refused(&refusal))).into_response(),
+    }
+}
+
+async fn recording(State(server): Shared, Path((_, line)): Path<(String, u32)>) -> Response {
+    let Ok(name) = token() else {
+        return StatusCode::INTERNAL_SERVER_ERROR.into_response();
+    };
+    let file = std::env::temp_dir().join(format!("appell-{name}.mcap"));
+    let written = server.driver.recording(line, file.clone()).await;
+    let bytes = std::fs::read(&file);
+    let _ = std::fs::remove_file(&file);
+    match (written, bytes) {
+        (Ok(_), Ok(bytes)) => (
+            [
+                (header::CONTENT_TYPE, "application/octet-stream"),
+                (
+                    header::CONTENT_DISPOSITION,
+                    "attachment; filename=\"recording.mcap\"",
+                ),
+            ],
+            bytes,
+        )
+            .into_response(),
+        (Err(refusal), _) => (StatusCode::NOT_FOUND, Json(refused(&refusal))).into_response(),
+        (_, Err(error)) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    }
+}
+
+async fn socket(State(server): Shared, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    // A program without a page says no Origin, and has the token.
+    let Ok(place) = server.pages.clone().try_acquire_owned() else {
+        return (
+            StatusCode::SERVICE_UNAVAILABLE,
+            "too many pages are open; close one\n",
+        )
+            .into_response();
+    };
+    let _ = headers;
+    upgrade
+        .max_message_size(MESSAGE_MAX)
+        .max_frame_size(MESSAGE_MAX)
+        .on_upgrade(move |socket| async move {
+            page(socket, &server.driver).await;
+            drop(place);
+        })
+}
+
+/// What a page says.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Said {
+    Series {
+        series: u32,
+        #[serde(flatten)]
+        asked: SeriesRequest,
+    },
+    Command {
+        id: u32,
+        #[serde(flatten)]
+        command: Box<Command>,
+    },
+}
+
+/// Allows so many messages a second.
+struct Bucket {
+    left: f64,
+    since: std::time::Instant,
+}
+
+impl Bucket {
+    fn takes(&mut self) -> bool {
+        let now = std::time::Instant::now();
+        self.left = (self.left + RATE * (now - self.since).as_secs_f64()).min(BURST);
+        self.since = now;
+        self.left -= 1.0;
+        self.left >= 0.0
+    }
+}
+
+/// Serves one page: what it asks for in one task, what it sees in another, so that neither waits for the
+/// other. What is sent waits for the page; what comes meanwhile is sent together afterwards.
+async fn page(socket: WebSocket, driver: &Arc<Driver>) {
+    let (mut out, mut into) = socket.split();
+    // Answers are few: a page waits for them, and asks for no more than the bucket lets it.
+    let (answer, mut answers) = mpsc::channel::<Message>(64);
+    let listening = {
+        let driver = driver.clone();
+        async move {
+            let mut bucket = Bucket {
+                left: BURST,
+                since: std::time::Instant::now(),
+            };
+            while let Some(Ok(message)) = into.next().await {
+                if !bucket.takes() {
+                    let reason = "too many messages".into();
+                    let frame = CloseFrame {
+                        code: close_code::POLICY,
+                        reason,
+                    };
+                    let _ = answer.try_send(Message::Close(Some(frame)));
+                    return;
+                }
+                let text = match message {
+                    Message::Text(text) => text,
+                    Message::Binary(_) | Message::Close(_) => return,
+                    Message::Ping(_) | Message::Pong(_) => continue,
+                };
+                let reply = reply(&driver, &text).await;
+                if answer.send(reply).await.is_err() {
+                    return;
+                }
+            }
+        }
+    };
+    let showing = async move {
+        let mut pulse = driver.pulse();
+        let mut sent: BTreeMap<u32, usize> = BTreeMap::new();
+        let mut told: Option<Arc<str>> = None;
+        pulse.mark_changed();
+        loop {
+            tokio::select! {
+                biased;
+                reply = answers.recv() => {
+                    let Some(reply) = reply else { return };
+                    let is_last = matches!(reply, Message::Close(_));
+                    if !send(&mut out, reply).await || is_last { return; }
+                }
+                changed = pulse.changed() => {
+                    if changed.is_err() { return; }
+                    for message in news(driver, &mut sent, &mut told) {
+                        if !send(&mut out, message).await { return; }
+                    }
+                    tokio::time::sleep(FRAME).await;
+                }
+            }
+        }
+    };
+    tokio::select! {
+        () = listening => {}
+        () = showing => {}
+    }
+}
+
+/// Sends, unless the page has stopped taking anything.
+async fn send(out: &mut (impl SinkExt<Message> + Unpin), message: Message) -> bool {
+    let sent = tokio::time::timeout(STALLED, out.send(message)).await;
+    matches!(sent, Ok(Ok(())))
+}
+
+/// What a page has not seen yet: scenes of new lines, the state, and rows.
+fn news(
+    driver: &Driver,
+    sent: &mut BTreeMap<u32, usize>,
+    told: &mut Option<Arc<str>>,
+) -> Vec<Message> {
+    let view = driver.view();
+    let mut messages = Vec::new();
+    for line in &view.lines {
+        if !sent.contains_key(&line.id) {
+            let text = format!(
+                "{{\"kind\":\"line\",\"id\":{},\"scene\":{}}}",
+                line.id, line.scene
+            );
+            messages.push(Message::text(text));
+        }
+    }
+    if told
+        .as_ref()
+        .is_none_or(|told| !Arc::ptr_eq(told, &view.state))
+    {
+        messages.push(Message::text(view.state.to_string()));
+        *told = Some(view.state.clone());
+    }
+    sent.retain(|id, _| view.lines.iter().any(|line| line.id == *id));
+    for line in &view.lines {
+        let history = line.history.lock().expect("nothing panics with it");
+        let seen = sent.entry(line.id).or_insert(0);
+        if history.rows() > *seen {
+            messages.push(Message::Binary(wire::rows(line.id, &history, *seen).into()));
+            *seen = history.rows();
+        }
+    }
+    messages
+}
+
+async fn reply(driver: &Arc<Driver>, text: &str) -> Message {
+    let no = |id: Option<u32>, refusal: &Refusal| {
+        Message::text(json!({"kind": "refused", "re": id, "error": refused(refusal)}).to_string())
+    };
+    match serde_json::from_str::<Said>(text) {
+        Ok(Said::Series { series, asked }) => match asked.find(driver) {
+            Ok(found) => Message::Binary(wire::series(series, asked.line, &found).into()),
+            Err(refusal) => no(None, &refusal),
+        },
+        Ok(Said::Command { id, command }) => match driver.command(*command).await {
+            Ok(value) => {
+                Message::text(json!({"kind": "done", "re": id, "value": value}).to_string())
+            }
+            Err(refusal) => no(Some(id), &refusal),
+        },
+        Err(error) => {
+            let id = serde_json::from_str::<Value>(text).ok();
+            let id = id.and_then(|said| said["id"].as_u64());
+            let refusal = Refusal::new(
+                format!("is no command: {error}"),
+                "the book lists the commands",
+            );
+            no(id.and_then(|id| u32::try_from(id).ok()), &refusal)
+        }
+    }
+}
