@@ -102,6 +102,8 @@ pub struct Winding<T> {
     pub voltage_max: T,
 }
 
+crate::lanewise!(Winding {} state { torque, emf, resistance, conductance, slope, window, voltage_max });
+
 impl<T: Scalar> Winding<T> {
     /// The command within the supply, V.
     #[inline(always)]

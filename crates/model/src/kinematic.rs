@@ -6,6 +6,7 @@
 
 use crate::drive::Drive;
 use crate::dynamics::{Dynamics, Sizes};
+use crate::lanewise;
 use crate::planar::Vec2;
 use crate::platform::{BODY_OUTPUTS, LEDGER, MAX_WHEELS, Platform, WheelOutput, YAW};
 use crate::scalar::Scalar;
@@ -20,8 +21,18 @@ pub struct Kinematic<T: Scalar> {
     /// Wheels whose rates are commanded.
     driven: Vec<usize>,
     /// Spin rows and inverse normal matrix, where the geometry does not change.
-    constant: Option<([Row<T>; MAX_WHEELS], Square<T>)>,
+    constant: Option<Constant<T>>,
 }
+
+/// What follows from a geometry that does not change.
+#[derive(Clone, Debug)]
+struct Constant<T> {
+    rows: [Row<T>; MAX_WHEELS],
+    inverse: Square<T>,
+}
+
+lanewise!(Kinematic { platform } state { constant });
+lanewise!(Constant {} state { rows, inverse });
 
 impl<T: Scalar> Kinematic<T> {
     /// Takes the wheels with a drive as those whose rates are commanded. `None` if they do not
@@ -48,7 +59,10 @@ impl<T: Scalar> Kinematic<T> {
         }
         if kinematic.platform.layout().constant {
             let n = kinematic.platform.layout().dof();
-            kinematic.constant = Some((rows, invert(n, &normal)));
+            kinematic.constant = Some(Constant {
+                inverse: invert(n, &normal),
+                rows,
+            });
         }
         Some(kinematic)
     }
@@ -88,7 +102,7 @@ impl<T: Scalar> Kinematic<T> {
         let n = layout.dof();
         let varying;
         let (rows, inverse) = match &self.constant {
-            Some((rows, inverse)) => (rows, inverse),
+            Some(Constant { rows, inverse }) => (rows, inverse),
             None => {
                 let (rows, normal) = self.normal(x);
                 // A steered wheel across the way of the driven ones leaves a direction unknown.

@@ -5,7 +5,7 @@ use crate::ground::Ground;
 use crate::planar::Vec2;
 use crate::platform::Body;
 use crate::scalar::Scalar;
-use crate::wheel::{Rim, Steering, Wheel};
+use crate::wheel::{Rim, Steering, Wheel, WheelFrame};
 
 /// Something with a value per lane, and its plain form with a single one.
 ///
@@ -112,14 +112,20 @@ impl<A: Lanewise> Lanewise for Option<A> {
 }
 
 /// A structure whose fields are [`Lanewise`], each by itself; those of its state, which change within
-/// a trial, fit whatever their numbers.
+/// a trial or follow from the others, fit whatever their numbers.
 #[macro_export]
 macro_rules! lanewise {
-    ($name:ident { $($field:ident),* $(,)? } $(state { $($state:ident),* $(,)? })?) => {
-        impl<T: $crate::scalar::Scalar> $crate::lanewise::Lanewise for $name<T> {
-            type One = $name<f64>;
+    (
+        $name:ident $([$($size:ident),*])? { $($field:ident),* $(,)? }
+        $(state { $($state:ident),* $(,)? })?
+    ) => {
+        impl<T: $crate::scalar::Scalar $($(, const $size: usize)*)?> $crate::lanewise::Lanewise
+            for $name<T $($(, $size)*)?>
+        {
+            type One = $name<f64 $($(, $size)*)?>;
 
             fn fits(&self, one: &Self::One) -> bool {
+                let _ = one;
                 true $(&& $crate::lanewise::Lanewise::fits(&self.$field, &one.$field))*
             }
 
@@ -169,6 +175,8 @@ lanewise!(Wheel {
     stiffness,
     drive,
 });
+
+lanewise!(WheelFrame {} state { forward, left, contact });
 
 impl<T: Scalar> Lanewise for Drive<T> {
     type One = Drive<f64>;

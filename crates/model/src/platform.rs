@@ -740,10 +740,14 @@ impl<T: Scalar> Lanewise for Platform<T> {
     fn put(&mut self, lane: usize, one: &Platform<f64>) {
         self.body.put(lane, &one.body);
         self.wheels.put(lane, &one.wheels);
-        let wheels = core::mem::take(&mut self.wheels);
-        *self = Platform::new(self.body, wheels).expect("a platform of platforms that are checked");
+        self.basis.put(lane, &one.basis);
+        self.axle.put(lane, &one.axle);
+        self.frames.put(lane, &one.frames);
+        self.rims.put(lane, &one.rims);
     }
 }
+
+crate::lanewise!(Reduced {} state { spin, swivel, mass, gyro, momentum });
 
 /// Whether the drive has a current as a state: a winding without inductance has none.
 pub fn has_current<T: Scalar>(drive: &Drive<T>) -> bool {

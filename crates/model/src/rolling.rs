@@ -13,6 +13,8 @@ mod inverse;
 use crate::drive::Drive;
 use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work};
 use crate::ground::Ground;
+use crate::lanewise;
+use crate::lanewise::Lanewise;
 use crate::planar::{Vec2, vec2};
 use crate::platform::{
     BODY_OUTPUTS, MAX_WHEELS, Platform, Reduced, WHEEL_OUTPUTS, WheelOutput, YAW,
@@ -71,6 +73,30 @@ struct Forces<T: Scalar> {
     yaw_rate: T,
     gravity: Vec2<T>,
 }
+
+impl<T: Scalar> Lanewise for Rolling<T> {
+    type One = Rolling<f64>;
+
+    fn fits(&self, one: &Rolling<f64>) -> bool {
+        self.platform.fits(&one.platform)
+            && self.ground.fits(&one.ground)
+            && self.shape.fits(&one.shape)
+            && self.support.fits(&one.support)
+    }
+
+    fn put(&mut self, lane: usize, one: &Rolling<f64>) {
+        self.platform.put(lane, &one.platform);
+        self.ground.put(lane, &one.ground);
+        self.shape.put(lane, &one.shape);
+        self.axles.put(lane, &one.axles);
+        self.support.put(lane, &one.support);
+        if let (Some(constant), Some(one)) = (&mut self.constant, &one.constant) {
+            constant.put(lane, one);
+        }
+    }
+}
+
+lanewise!(Constant {} state { reduced, inverse, sideways });
 
 impl<T: Scalar> Rolling<T> {
     /// Joins a platform and a ground.

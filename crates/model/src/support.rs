@@ -22,6 +22,8 @@ pub struct Support<T> {
     edges: Vec<Vec2<T>>,
 }
 
+crate::lanewise!(Support { corners } state { points, stiffness, inverse, edges });
+
 impl<T: Scalar> Support<T> {
     /// Contacts by place, m, and relative stiffness, of which 0 carries nothing; `None` for fewer than
     /// three, for more than [`MAX_WHEELS`], and for contacts on one line, which carry no plane.
@@ -69,11 +71,6 @@ impl<T: Scalar> Support<T> {
             inverse,
             corners,
         })
-    }
-
-    /// Whether another support stands on the same contacts.
-    pub fn has_corners_of<U>(&self, other: &Support<U>) -> bool {
-        self.corners == other.corners
     }
 
     /// Corners of the support polygon, counter-clockwise, m.

@@ -287,6 +287,10 @@ fn fastest<T: Scalar>(system: &System<T>, nominal: Platform<f64>, angles: &[f64]
             radius(&|x| spectral_radius(&system, x, &u, &turning))
         }
         System::Rolling(rolling) => {
+            let own: &dyn Any = rolling.as_ref();
+            if let Some(own) = own.downcast_ref::<Rolling<f64>>() {
+                return radius(&|x| spectral_radius(own, x, &u, &turning));
+            }
             let ground = Ground {
                 gravity: vec2(
                     rolling.ground().gravity.x.lane(0),
@@ -739,23 +743,16 @@ impl<T: Scalar> Block<T> for Plant<T> {
             return false;
         };
         let system = match (&self.system, &one.system) {
-            (System::Kinematic(a), System::Kinematic(b)) => a.platform().fits(b.platform()),
-            (System::Rolling(a), System::Rolling(b)) => {
-                let stands = match (a.support(), b.support()) {
-                    (Some(a), Some(b)) => a.has_corners_of(b),
-                    (None, None) => true,
-                    _ => false,
-                };
-                stands && a.ground().fits(b.ground()) && a.platform().fits(b.platform())
-            }
+            (System::Kinematic(a), System::Kinematic(b)) => a.fits(b),
+            (System::Rolling(a), System::Rolling(b)) => a.fits(b),
             _ => false,
         };
         // An adaptive step is as long as one trial alone lets it be.
-        let method = matches!(
-            (&self.method, &one.method),
-            (Method::RungeKutta4(_), Method::RungeKutta4(_))
-                | (Method::Exponential(_), Method::Exponential(_))
-        );
+        let method = match (&self.method, &one.method) {
+            (Method::RungeKutta4(_), Method::RungeKutta4(_)) => true,
+            (Method::Exponential(a), Method::Exponential(b)) => a.fits(b),
+            _ => false,
+        };
         let ports = self.inputs == one.inputs && self.outputs == one.outputs;
         system && method && ports && self.step == one.step
     }
@@ -764,26 +761,15 @@ impl<T: Scalar> Block<T> for Plant<T> {
         let Some(one) = one.downcast_ref::<Plant<f64>>() else {
             return;
         };
-        let mut platform = self.system.platform().clone();
-        platform.put(lane, one.system.platform());
         match (&mut self.system, &one.system) {
-            (System::Rolling(a), System::Rolling(b)) => {
-                let mut ground = *a.ground();
-                ground.put(lane, b.ground());
-                **a = Rolling::new(platform, ground);
-            }
-            (System::Kinematic(a), _) => {
-                **a = Kinematic::new(platform).expect("as each of its lanes");
-            }
+            (System::Rolling(a), System::Rolling(b)) => a.put(lane, b),
+            (System::Kinematic(a), System::Kinematic(b)) => a.put(lane, b),
             _ => {}
         }
-        if matches!(self.method, Method::Exponential(_))
-            && let Some(method) = self.system.exponential(self.step)
-        {
-            self.method = method;
-        }
-        if let (Method::Adaptive(a), Method::Adaptive(b)) = (&mut self.method, &one.method) {
-            a.set_next_step(b.next_step());
+        match (&mut self.method, &one.method) {
+            (Method::Exponential(a), Method::Exponential(b)) => a.put(lane, b),
+            (Method::Adaptive(a), Method::Adaptive(b)) => a.set_next_step(b.next_step()),
+            _ => {}
         }
         self.x.put(lane, &one.x);
         self.mode.put(lane, &one.mode);

@@ -2,6 +2,8 @@
 
 use super::{Aligned, On, Steps, multiply};
 use crate::dynamics::{Core, Dynamics, Input, Nodes, Work};
+use crate::lanewise;
+use crate::lanewise::Lanewise;
 use crate::scalar::{Mask, Scalar};
 use crate::wide::{Job, widest};
 
@@ -35,6 +37,22 @@ struct Propagator<T> {
     exponential: Vec<T>,
     integral: Vec<T>,
 }
+
+impl<T: Scalar> Lanewise for Exponential<T> {
+    type One = Exponential<f64>;
+
+    fn fits(&self, one: &Exponential<f64>) -> bool {
+        self.range == one.range && self.step == one.step
+    }
+
+    fn put(&mut self, lane: usize, one: &Exponential<f64>) {
+        self.signature.put(lane, &one.signature);
+        self.linear.put(lane, &one.linear);
+        self.propagators.put(lane, &one.propagators);
+    }
+}
+
+lanewise!(Propagator {} state { exponential, integral });
 
 /// Shares of the step at Gauss's three nodes, (1 ± √(3/5))/2 and ½, and at its end.
 const SHARES: [f64; 4] = [0.112_701_665_379_258_3, 0.5, 0.887_298_334_620_741_7, 1.0];
@@ -153,9 +171,16 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
         for k in 0..self.count {
             let t = self.dt.mul_add(k as f64, self.t);
             let state: &mut [T] = if N == 0 { &mut *self.x } else { &mut x.0 };
-            self.input.at(t, &mut self.method.input);
-            system.decide(state, &self.method.input, self.mode);
-            self.method.renew(system, self.mode, self.dt);
+            // A core has no modes: nothing in it can stick.
+            if let (Some(_), Some(_)) = (system.core(), self.input.held()) {
+                if self.method.step != self.dt {
+                    self.method.prepare(system, self.mode, self.dt);
+                }
+            } else {
+                self.input.at(t, &mut self.method.input);
+                system.decide(state, &self.method.input, self.mode);
+                self.method.renew(system, self.mode, self.dt);
+            }
             let method = &mut *self.method;
             let matrices = (&method.linear[..], &method.propagators);
             let n = state.len();

@@ -2,6 +2,8 @@
 
 use super::is_zero;
 use crate::drive::{Drive, Winding};
+use crate::lanewise;
+use crate::lanewise::Lanewise;
 use crate::scalar::{Mask, Scalar};
 use crate::wheel::Wheel;
 
@@ -66,6 +68,26 @@ pub(crate) struct Turned<T> {
     pub(crate) supplied: T,
     pub(crate) windings: T,
     pub(crate) gears: T,
+}
+
+lanewise!(Axle {} state { supply, viscous, dry_friction, brake, rounding });
+
+impl<T: Scalar> Lanewise for Supply<T> {
+    type One = Supply<f64>;
+
+    /// As the drive does that it follows from.
+    fn fits(&self, _one: &Supply<f64>) -> bool {
+        true
+    }
+
+    fn put(&mut self, lane: usize, one: &Supply<f64>) {
+        match (self, one) {
+            (Supply::Torque(a), Supply::Torque(b)) => a.put(lane, b),
+            (Supply::Motor(a, _), Supply::Motor(b, _))
+            | (Supply::Resistor(a), Supply::Resistor(b)) => a.put(lane, b),
+            _ => {}
+        }
+    }
 }
 
 impl<T: Scalar> Axle<T> {

@@ -7,6 +7,7 @@ use super::axle::{Action, Axle, Supply};
 use super::{Constant, Rolling, is_zero};
 use crate::drive::{Drive, Winding};
 use crate::dynamics::{Core, Nodes, product};
+use crate::lanewise;
 use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, POSE, WheelOutput, YAW, renew_angle};
 use crate::scalar::{Mask, Scalar};
@@ -133,6 +134,35 @@ impl<T: Scalar, const U: usize, const W: usize> Bulk<T, U, W> {
         }
     }
 }
+
+lanewise!(Compiled[U, W, M, K] {} state {
+    twist,
+    spin,
+    push,
+    gyro,
+    weight,
+    wrench,
+    axles,
+    windings,
+    feeds,
+    drag,
+    followers,
+    bulk
+});
+lanewise!(Bulk[U, W] {} state {
+    inertia,
+    mass,
+    first,
+    second,
+    center,
+    lift,
+    weight,
+    contacts,
+    coils
+});
+lanewise!(Contact {} state { point, direction, left, per_lever, spin_inertia, side });
+lanewise!(Feed[U] {} state { slope, decay, emf, window, push });
+lanewise!(Follower[U] {} state { pivot, per_trail, per_radius });
 
 /// A motor whose current is a state, multiplied out over the velocity coordinates.
 #[derive(Clone, Copy, Debug)]

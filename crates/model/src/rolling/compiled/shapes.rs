@@ -2,6 +2,7 @@
 
 use super::Compiled;
 use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work};
+use crate::lanewise::Lanewise;
 use crate::platform::{LEDGER, POSE, YAW, renew_angle, straighten};
 use crate::rolling::{Constant, Rolling};
 use crate::scalar::Scalar;
@@ -103,6 +104,24 @@ macro_rules! shapes {
         #[derive(Clone, Debug)]
         pub(in crate::rolling) enum Shape<T> {
             $(#[doc(hidden)] $name(Box<Compiled<T, $u, $w, $m, $k>>),)*
+        }
+
+        impl<T: Scalar> Lanewise for Shape<T> {
+            type One = Shape<f64>;
+
+            fn fits(&self, one: &Shape<f64>) -> bool {
+                match (self, one) {
+                    $((Shape::$name(_), Shape::$name(_)) => true,)*
+                    _ => false,
+                }
+            }
+
+            fn put(&mut self, lane: usize, one: &Shape<f64>) {
+                match (self, one) {
+                    $((Shape::$name(a), Shape::$name(b)) => a.put(lane, b),)*
+                    _ => {}
+                }
+            }
         }
 
         impl<T: Scalar> Shape<T> {
