@@ -47,15 +47,20 @@ macro_rules! operator {
 macro_rules! register {
     (
         $type:ident, $mask:ident, $lanes:literal, $registers:expr;
-        $splat:ident $load:ident $store:ident
+        $splat:ident
         $add:ident $sub:ident $mul:ident $div:ident $fma:ident $sqrt:ident $min:ident $max:ident
     ) => {
         impl $type {
+            // No intrinsics here: where they are not inlined, they would be most of the work.
+            // SAFETY: a register of numbers is as many numbers, in order.
             #[inline(always)]
             fn array(self) -> [f64; $lanes] {
-                let mut lanes = [0.0; $lanes];
-                vector!($store(lanes.as_mut_ptr(), self.0));
-                lanes
+                unsafe { core::mem::transmute(self) }
+            }
+
+            #[inline(always)]
+            fn of_array(lanes: [f64; $lanes]) -> Self {
+                unsafe { core::mem::transmute(lanes) }
             }
         }
 
@@ -106,7 +111,7 @@ macro_rules! register {
                 for (i, lane) in lanes.iter_mut().enumerate() {
                     *lane = value(i);
                 }
-                Self(vector!($load(lanes.as_ptr())))
+                Self::of_array(lanes)
             }
 
             #[inline(always)]
@@ -243,7 +248,7 @@ pub struct Mask4(__m256d);
 
 register! {
     Avx4, Mask4, 4, Registers::Avx2;
-    _mm256_set1_pd _mm256_loadu_pd _mm256_storeu_pd
+    _mm256_set1_pd
     _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_fmadd_pd _mm256_sqrt_pd
     _mm256_min_pd _mm256_max_pd
 }
@@ -397,7 +402,7 @@ pub struct Mask8(__mmask8);
 
 register! {
     Avx8, Mask8, 8, Registers::Avx512;
-    _mm512_set1_pd _mm512_loadu_pd _mm512_storeu_pd
+    _mm512_set1_pd
     _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_fmadd_pd _mm512_sqrt_pd
     _mm512_min_pd _mm512_max_pd
 }
