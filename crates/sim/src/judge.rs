@@ -6,6 +6,7 @@
 //! is the caller's.
 
 mod geometry;
+mod glance;
 
 use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
 use appell_model::scalar::Scalar;
@@ -14,7 +15,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) use geometry::{
     Crossing, Line, between, difference, distance, dot, segment_distance, wall_distance,
 };
-use geometry::{leave_fraction, touch_fraction, turn, value, within};
+use geometry::{leave_fraction, lift, touch_fraction, turn, value, within};
+pub(crate) use glance::{Glance, Rings};
 
 /// Where a task stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,9 +39,6 @@ pub struct TaskEvent {
     /// What happened, such as `b1 passed on its left, 0.486 m`.
     pub text: String,
 }
-
-/// What sums of a run's ways may be off by, m.
-const ROUNDING: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Sample<S> {
@@ -242,9 +241,6 @@ pub struct Judge<S = f64> {
     /// Smallest distance between the disc and a wall: distance, time.
     wall_clearance: Option<(S, S)>,
     path_length: S,
-    /// Path length at which each beacon could be touched at the earliest, m: one that is farther than
-    /// the nearest so far need not be looked at.
-    reach: Vec<f64>,
 }
 
 impl<S: Scalar> Judge<S> {
@@ -281,7 +277,6 @@ impl<S: Scalar> Judge<S> {
             clearance: None,
             wall_clearance: None,
             path_length: S::zero(),
-            reach: vec![0.0; layout.beacons.len()],
         }
     }
 
@@ -290,9 +285,27 @@ impl<S: Scalar> Judge<S> {
     /// Times must increase. After the verdict is final samples are ignored. Allocates only when
     /// something happens.
     pub fn observe(&mut self, t: S, position: [S; 2], speed: S) -> Verdict {
+        let arena = lift(self.arena);
+        let radius = S::from(self.collision_radius);
+        let mut glance = Glance::of_walls(arena, radius, self.before(position), position);
+        for (index, beacon) in self.beacons.iter().enumerate() {
+            let center = lift(beacon.position);
+            glance.pass(index, center, [radius, S::from(beacon.radius)]);
+        }
+        self.take(t, speed, &glance)
+    }
+
+    /// Where it saw the robot last, m; `position` where it has not yet.
+    pub(crate) fn before(&self, position: [S; 2]) -> [S; 2] {
+        self.last.map_or(position, |last| last.position)
+    }
+
+    /// The same for what is seen of the way to the sample already.
+    pub(crate) fn take(&mut self, t: S, speed: S, glance: &Glance<S>) -> Verdict {
         if self.verdict != Verdict::Running {
             return self.verdict;
         }
+        let position = glance.to;
         let now = Sample { t, position };
         let previous = self.last.unwrap_or(now);
         if ![t, position[0], position[1], speed]
@@ -303,8 +316,8 @@ impl<S: Scalar> Judge<S> {
             return self.verdict;
         }
         let first = *self.first.get_or_insert(now);
-        self.path_length += distance(previous.position, now.position);
-        self.watch(previous, now);
+        self.path_length += glance.way;
+        self.watch(previous, now, glance);
         if self.verdict == Verdict::Running {
             self.advance(first, previous, now, speed);
         }
@@ -313,41 +326,42 @@ impl<S: Scalar> Judge<S> {
     }
 
     /// Updates the clearances and fails on contact.
-    fn watch(&mut self, previous: Sample<S>, now: Sample<S>) {
+    fn watch(&mut self, previous: Sample<S>, now: Sample<S>, glance: &Glance<S>) {
+        let is_smallest = |(smallest, ..): (S, S, usize)| value(glance.gap) < value(smallest);
+        if !self.beacons.is_empty() && self.clearance.is_none_or(is_smallest) {
+            self.clearance = Some((glance.gap, now.t, value(glance.beacon) as usize));
+        }
+        let is_smallest = |(smallest, _): (S, S)| value(glance.wall) < value(smallest);
+        if self.wall_clearance.is_none_or(is_smallest) {
+            self.wall_clearance = Some((glance.wall, now.t));
+        }
+        if value(glance.gap) < 0.0 || value(glance.wall) < 0.0 {
+            self.touch(previous, now, value(glance.wall) < 0.0);
+        }
+    }
+
+    /// Fails at what is touched first: a beacon, or where the robot leaves the arena, a wall.
+    #[cold]
+    fn touch(&mut self, previous: Sample<S>, now: Sample<S>, leaves: bool) {
         let (p, q) = (previous.position, now.position);
         let mut contact: Option<(S, Option<usize>)> = None;
-        let way = value(self.path_length);
-        for (index, beacon) in self.beacons.iter().enumerate() {
-            let smallest = self.clearance.map_or(f64::INFINITY, |(gap, ..)| value(gap));
-            if self.reach[index] - way > smallest.max(0.0) + ROUNDING {
-                continue;
+        let mut consider = |fraction: S, what: Option<usize>| {
+            if contact.is_none_or(|(earliest, _)| value(fraction) < value(earliest)) {
+                contact = Some((fraction, what));
             }
-            let center = beacon.position.map(S::from);
+        };
+        for (index, beacon) in self.beacons.iter().enumerate() {
+            let center = lift(beacon.position);
             let near = segment_distance(center, p, q);
             let gap = near - S::from(self.collision_radius) - S::from(beacon.radius);
-            self.reach[index] = way + value(gap);
-            let is_smallest = |(smallest, ..): (S, S, usize)| value(gap) < value(smallest);
-            if self.clearance.is_none_or(is_smallest) {
-                self.clearance = Some((gap, now.t, index));
-            }
             if value(gap) < 0.0 {
                 let radius = self.collision_radius + beacon.radius;
-                let fraction = touch_fraction(center, radius, p, q);
-                if contact.is_none_or(|(earliest, _)| value(fraction) < value(earliest)) {
-                    contact = Some((fraction, Some(index)));
-                }
+                consider(touch_fraction(center, radius, p, q), Some(index));
             }
         }
-        let gap = wall_distance(self.arena, q) - S::from(self.collision_radius);
-        let is_smallest = |(smallest, _): (S, S)| value(gap) < value(smallest);
-        if self.wall_clearance.is_none_or(is_smallest) {
-            self.wall_clearance = Some((gap, now.t));
-        }
-        if value(gap) < 0.0 {
+        if leaves {
             let fraction = leave_fraction(self.arena, self.collision_radius, p, q);
-            if contact.is_none_or(|(earliest, _)| value(fraction) < value(earliest)) {
-                contact = Some((fraction, None));
-            }
+            consider(fraction, None);
         }
         if let Some((fraction, beacon)) = contact {
             let text = match beacon {
@@ -382,7 +396,7 @@ impl<S: Scalar> Judge<S> {
         else {
             return;
         };
-        *away = distance(now.position, self.beacons[beacon].position.map(S::from));
+        *away = distance(now.position, lift(self.beacons[beacon].position));
         if value(*away) > reach || value(speed_now).abs() > speed {
             *stop = None;
             return;
@@ -474,7 +488,7 @@ impl<S: Scalar> Judge<S> {
         let mut clear = true;
         for (k, index) in pair.into_iter().enumerate() {
             let beacon = &self.beacons[index];
-            let center = beacon.position.map(S::from);
+            let center = lift(beacon.position);
             let closing = turn(center, now.position, first.position);
             turned[k] += turn(center, previous.position, now.position);
             windings[k] = (value(turned[k] + closing) / std::f64::consts::TAU).round();
@@ -573,7 +587,7 @@ impl<S: Scalar> Judge<S> {
             if from > reach {
                 break;
             }
-            let (p, q) = (points[k].map(S::from), points[k + 1].map(S::from));
+            let (p, q) = (lift(points[k]), lift(points[k + 1]));
             let along = difference(q, p);
             let share = within(dot(difference(now.position, p), along) / dot(along, along));
             let away = distance(now.position, between(p, q, share));
@@ -582,7 +596,7 @@ impl<S: Scalar> Judge<S> {
                 *progress = progress.max(S::from(from) + share * S::from(ds));
             }
         }
-        let (here, finish) = (value(*progress), points[last].map(S::from));
+        let (here, finish) = (value(*progress), lift(points[last]));
         let to_end = value(distance(now.position, finish));
         let whole = last as f64 * ds;
         if value(nearest) > value(farthest.0) {

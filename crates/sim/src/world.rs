@@ -18,7 +18,7 @@ use appell_model::scalar::{Mask, Scalar};
 use appell_model::wide::widest;
 
 use crate::block::{Block, BlockError, Detail, Now, finite_lanes};
-use crate::judge::{Judge, Verdict};
+use crate::judge::{Judge, Rings, Verdict};
 use crate::layout::Layout;
 use crate::record::{Event, RecordError, Recorder};
 use crate::signal::Signal;
@@ -26,7 +26,7 @@ use crate::signal::Signal;
 use changes::Roster;
 pub(crate) use changes::{Change, To};
 pub use changes::{Failure, Swapped};
-use look::{Look, rings};
+use look::Look;
 use slot::{Due, Shared, Slot, gcd};
 
 /// What judges a robot.
@@ -34,8 +34,7 @@ pub(crate) struct Referee<T: Scalar> {
     pub robot: String,
     /// One for each lane.
     pub judges: Vec<Judge<T::Single>>,
-    /// x, y and sum of the radii of beacon and robot, m.
-    beacons: Vec<[T; 3]>,
+    rings: Rings<T>,
     pub has_task: bool,
     /// Its looks.
     due: Due,
@@ -324,7 +323,7 @@ impl<T: Scalar> World<T> {
                         .map(|path| index[&format!("robot.{robot}.{path}")]),
                     robot,
                     judges: vec![judge; T::LANES],
-                    beacons: rings(&layout),
+                    rings: Rings::new(&layout),
                     has_task,
                     due: Due::every(period),
                     clearance,
@@ -417,7 +416,7 @@ impl<T: Scalar> World<T> {
                 && referee.robot == robot.name
                 && referee.has_task == robot.has_task
                 && referee.due.period == robot.judge_period
-                && referee.beacons.len() == robot.layout.beacons.len();
+                && referee.rings.beacons.len() == robot.layout.beacons.len();
         }
         fit && sensors.next().is_none() && controllers.next().is_none()
     }
@@ -441,7 +440,7 @@ impl<T: Scalar> World<T> {
                 slot.block.take(lane, one.block.any());
             }
             referee.judges[lane] = robot.judge;
-            referee.beacons.put(lane, &rings(&robot.layout));
+            referee.rings.put(lane, &Rings::new(&robot.layout));
         }
         // What was told of a trial that never ran is not told.
         self.events.retain(|(of, _)| *of != lane);
@@ -772,9 +771,20 @@ impl<T: Scalar> World<T> {
             if begins.is_none() && !referee.due.now(self.tick) {
                 continue;
             }
+            let [x, y, forward, left] = referee.watched;
+            let motion = [self.row[x], self.row[y], self.row[forward], self.row[left]];
+            let judges = &referee.judges;
+            let before = |lane: usize| {
+                let position = [motion[0].single(lane), motion[1].single(lane)];
+                judges[lane].before(position)
+            };
             let (nearest, seen) = widest::<T, _>(Look {
-                beacons: &referee.beacons,
-                motion: referee.watched.map(|k| self.row[k]),
+                rings: &referee.rings,
+                before: [
+                    T::from_singles(|lane| before(lane)[0]),
+                    T::from_singles(|lane| before(lane)[1]),
+                ],
+                motion,
             });
             self.row[referee.clearance] = nearest;
             for lane in 0..T::LANES {
@@ -783,8 +793,8 @@ impl<T: Scalar> World<T> {
                 }
                 let judge = &mut referee.judges[lane];
                 let t = <T::Single as From<f64>>::from(self.ticks[lane] as f64 * self.step);
-                let [x, y, speed] = seen[lane];
-                judge.observe(t, [x, y], speed);
+                let (glance, speed) = &seen[lane];
+                judge.take(t, *speed, glance);
                 for event in judge.take_events() {
                     let event = Event {
                         t: event.t,

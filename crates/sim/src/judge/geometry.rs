@@ -32,13 +32,12 @@ impl Line {
     }
 
     /// Signed distance of a point, positive on the side the normal points to, m.
+    #[inline(always)]
     pub fn distance<S: Scalar>(&self, p: [S; 2]) -> S {
-        dot(
-            difference(p, self.origin.map(S::from)),
-            self.normal.map(S::from),
-        )
+        dot(difference(p, lift(self.origin)), lift(self.normal))
     }
 
+    #[inline(always)]
     pub fn crossing<S: Scalar>(&self, p: [S; 2], q: [S; 2]) -> Option<Crossing<S>> {
         let (f, g) = (self.distance(p), self.distance(q));
         let forward = value(f) < 0.0;
@@ -46,8 +45,8 @@ impl Line {
             return None;
         }
         let fraction = f / (f - g);
-        let left = [-self.normal[1], self.normal[0]].map(S::from);
-        let from = difference(between(p, q, fraction), self.origin.map(S::from));
+        let left = lift([-self.normal[1], self.normal[0]]);
+        let from = difference(between(p, q, fraction), lift(self.origin));
         Some(Crossing {
             fraction,
             forward,
@@ -57,24 +56,35 @@ impl Line {
 }
 
 /// What decisions are made by: the number without its derivatives.
+#[inline(always)]
 pub(super) fn value<S: Scalar>(number: S) -> f64 {
     number.lane(0)
 }
 
+/// A point without derivatives. `map` of an array would stay a call.
+#[inline(always)]
+pub(super) fn lift<S: Scalar>(point: [f64; 2]) -> [S; 2] {
+    [S::from(point[0]), S::from(point[1])]
+}
+
+#[inline(always)]
 pub(crate) fn dot<S: Scalar>(a: [S; 2], b: [S; 2]) -> S {
     a[0] * b[0] + a[1] * b[1]
 }
 
+#[inline(always)]
 pub(crate) fn difference<S: Scalar>(a: [S; 2], b: [S; 2]) -> [S; 2] {
     [a[0] - b[0], a[1] - b[1]]
 }
 
+#[inline(always)]
 pub(crate) fn distance<S: Scalar>(a: [S; 2], b: [S; 2]) -> S {
     let d = difference(a, b);
     dot(d, d).sqrt()
 }
 
 /// The point at a fraction of the segment from `p` to `q`.
+#[inline(always)]
 pub(crate) fn between<S: Scalar>(p: [S; 2], q: [S; 2], fraction: S) -> [S; 2] {
     [
         p[0] + fraction * (q[0] - p[0]),
@@ -83,25 +93,25 @@ pub(crate) fn between<S: Scalar>(p: [S; 2], q: [S; 2], fraction: S) -> [S; 2] {
 }
 
 /// The nearest fraction of a segment, within it.
+#[inline(always)]
 pub(super) fn within<S: Scalar>(fraction: S) -> S {
     fraction.max(S::zero()).min(S::one())
 }
 
 /// Distance of point `c` to the segment from `p` to `q`, m.
+#[inline(always)]
 pub(crate) fn segment_distance<S: Scalar>(c: [S; 2], p: [S; 2], q: [S; 2]) -> S {
     let along = difference(q, p);
     let square = dot(along, along);
-    let fraction = if value(square) == 0.0 {
-        S::zero()
-    } else {
-        within(dot(difference(c, p), along) / square)
-    };
+    let rests = square.less_equal(S::zero());
+    let fraction = within(dot(difference(c, p), along) / square);
+    let fraction = S::select(rests, S::zero(), fraction);
     distance(c, between(p, q, fraction))
 }
 
 /// Smallest distance to the walls from inside, m; negative outside.
-pub(crate) fn wall_distance<S: Scalar>(arena: [f64; 2], p: [S; 2]) -> S {
-    let [width, depth] = arena.map(S::from);
+#[inline(always)]
+pub(crate) fn wall_distance<S: Scalar>([width, depth]: [S; 2], p: [S; 2]) -> S {
     p[0].min(width - p[0]).min(p[1].min(depth - p[1]))
 }
 

@@ -5,40 +5,35 @@ use appell_model::scalar::Scalar;
 use appell_model::wide::Job;
 
 use super::LANES_MAX;
-use crate::layout::{Beacon, Layout};
+use crate::judge::{Glance, Rings};
 
-/// Place of each beacon and sum of its radius and the robot's, m.
-pub(super) fn rings<T: Scalar>(layout: &Layout) -> Vec<[T; 3]> {
-    let ring = |beacon: &Beacon| {
-        let [x, y] = beacon.position;
-        [x, y, beacon.radius + layout.collision_radius].map(T::from)
-    };
-    layout.beacons.iter().map(ring).collect()
-}
-
-/// What a judge sees: the distance between the robot's disc and the nearest beacon, m, negative inside;
-/// and of each lane position, m, and speed, m/s.
+/// A look at a robot: the distance between its disc and the nearest beacon now, m, negative inside; and of
+/// each lane what its judge is told, and the speed, m/s.
 pub(super) struct Look<'a, T> {
-    pub(super) beacons: &'a [[T; 3]],
+    pub(super) rings: &'a Rings<T>,
+    /// Where the judges saw it last.
+    pub(super) before: [T; 2],
     /// x, y, forward and left speed.
     pub(super) motion: [T; 4],
 }
 
 impl<T: Scalar> Job for Look<'_, T> {
-    type Output = (T, [[T::Single; 3]; LANES_MAX]);
+    type Output = (T, [(Glance<T::Single>, T::Single); LANES_MAX]);
 
     #[inline(always)]
     fn run(self) -> Self::Output {
         let [x, y, forward, left] = self.motion;
         let mut nearest = T::from(f64::MAX);
-        for k in 0..self.beacons.len() {
-            let [east, north, radius] = self.beacons[k];
-            nearest = nearest.min(hypot(x - east, y - north) - radius);
+        for k in 0..self.rings.beacons.len() {
+            let [east, north, radius] = self.rings.beacons[k];
+            let away = hypot(x - east, y - north);
+            nearest = nearest.min(away - (radius + self.rings.radius));
         }
+        let glance = self.rings.glance(self.before, [x, y]);
         let speed = crate::plant::speed(forward, left);
-        let mut seen = [[T::Single::zero(); 3]; LANES_MAX];
-        for lane in 0..T::LANES {
-            seen[lane] = [x.single(lane), y.single(lane), speed.single(lane)];
+        let mut seen = [(glance.single(0), speed.single(0)); LANES_MAX];
+        for lane in 1..T::LANES {
+            seen[lane] = (glance.single(lane), speed.single(lane));
         }
         (nearest, seen)
     }
