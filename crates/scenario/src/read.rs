@@ -174,7 +174,9 @@ impl Template {
     pub fn read(file: &Path, overrides: &Overrides) -> Result<Template, Diagnostics> {
         let text = read_text(file).map_err(one)?;
         let folder = file.parent().unwrap_or(Path::new("")).to_owned();
-        let (_, table) = put_together(&text, file, &folder, overrides)?;
+        let (_, mut table) = put_together(&text, file, &folder, overrides)?;
+        // A trial asks for no other trials.
+        table.remove("batch");
         Ok(Template {
             table,
             file: file.to_owned(),

@@ -259,7 +259,13 @@ pub fn platform(
     platform_of(file, drives, gravity_normal, "", &Values::new(&[]))
 }
 
-/// The same with numbers that may carry derivatives; they stand under `path` in the scenario.
+/// The same without rolling resistance, which takes the loads: enough for questions of geometry.
+pub fn geometry(file: &scenario::Platform) -> Result<Platform<f64>, PlatformError> {
+    let (free, _) = free_platform(file, DriveModel::AsBuilt, "", &Values::new(&[]))?;
+    Ok(free)
+}
+
+/// The platform of a file with numbers that may carry derivatives; they stand under `path` in the scenario.
 pub fn platform_of<T: Scalar>(
     file: &scenario::Platform,
     drives: DriveModel,
@@ -267,6 +273,25 @@ pub fn platform_of<T: Scalar>(
     path: &str,
     values: &Values<'_, T>,
 ) -> Result<Platform<T>, PlatformError> {
+    let (free, losses) = free_platform(file, drives, path, values)?;
+    if losses.iter().all(|loss| *loss == T::zero()) {
+        return Ok(free);
+    }
+    let mut wheels = free.wheels().to_vec();
+    for (i, load) in static_loads(&free, gravity_normal).into_iter().enumerate() {
+        let rolls = losses[i] * load.max(T::zero()) * wheels[i].radius;
+        wheels[i].dry_friction += rolls;
+    }
+    Platform::new(*free.body(), wheels)
+}
+
+/// A platform without rolling resistance, and the coefficient of each wheel.
+fn free_platform<T: Scalar>(
+    file: &scenario::Platform,
+    drives: DriveModel,
+    path: &str,
+    values: &Values<'_, T>,
+) -> Result<(Platform<T>, Vec<T>), PlatformError> {
     let at = |key: &str, value: f64| values.at(format_args!("{path}.{key}"), value);
     let mut body = Body {
         mass: at("body.mass", file.body.mass),
@@ -291,12 +316,7 @@ pub fn platform_of<T: Scalar>(
         wheels[losses.len()].dry_friction = T::from(2.0 * file.friction.dry);
         losses.push(T::from(file.friction.rolling));
     }
-    let bare = Platform::new(body, wheels.clone())?;
-    for (i, load) in static_loads(&bare, gravity_normal).into_iter().enumerate() {
-        let rolls = losses[i] * load.max(T::zero()) * wheels[i].radius;
-        wheels[i].dry_friction += rolls;
-    }
-    Platform::new(body, wheels)
+    Ok((Platform::new(body, wheels)?, losses))
 }
 
 /// Normal loads at rest on level ground, N; equal shares where the contacts carry no plane.

@@ -48,6 +48,16 @@ pub fn goes_straight_only(platform: &Platform<f64>) -> Option<&'static str> {
 /// infinite for a robot that can turn on the spot, 0 for one whose linkages let it go straight only.
 pub fn sharpest_curve(file: &File) -> f64 {
     const SLACK: f64 = 1e-6;
+    let is_bound = |wheel: &scenario::Wheel| {
+        use scenario::Steering;
+        matches!(
+            wheel.steering,
+            Steering::Steered { .. } | Steering::Linked { .. }
+        )
+    };
+    if !file.wheel.iter().any(is_bound) {
+        return f64::INFINITY;
+    }
     // Either end of a wheel may lead.
     let folded = |angle: f64| (angle - PI * (angle / PI).round()).abs();
     // Angle of a wheel that goes this way; none at a standstill, where any will do.

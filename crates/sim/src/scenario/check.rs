@@ -460,8 +460,7 @@ fn check_robot(c: &mut Checker, robot: &Robot, scenario: &Scenario, folder: &Pat
                 } = sensor
                     && *radius_scale > 0.0
                     && *track_scale > 0.0
-                    && let Ok(built) =
-                        crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81)
+                    && let Ok(built) = crate::build::geometry(platform)
                     && crate::sensor::believed(&built, *radius_scale, *track_scale).is_err()
                 {
                     c.refuse(
@@ -606,7 +605,7 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
 
 /// What a set of wheels cannot do however it is controlled.
 fn check_mobility(c: &mut Checker, robot: &Robot, file: &Platform) {
-    let Ok(platform) = crate::build::platform(file, crate::build::DriveModel::AsBuilt, 9.81) else {
+    let Ok(platform) = crate::build::geometry(file) else {
         return;
     };
     let turns = |(_, controller): (&str, &Controller)| match controller {

@@ -337,7 +337,7 @@ fn check_controller(
         c.positive(path(field), value);
     }
     if let Some(platform) = &robot.platform
-        && let Ok(built) = crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81)
+        && let Ok(built) = crate::build::geometry(platform)
     {
         let (mobility, _) = built.degrees();
         if follower.heading != Heading::Steer && mobility < 3 {

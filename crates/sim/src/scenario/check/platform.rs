@@ -42,7 +42,7 @@ pub(super) fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str)
     if c.problems.len() > before {
         return;
     }
-    match crate::build::platform(platform, crate::build::DriveModel::AsBuilt, 9.81) {
+    match crate::build::geometry(platform) {
         Err(error) => {
             let (field, problem, hint) = crate::build::explain(&error);
             c.refuse(path(&field), problem, hint);
