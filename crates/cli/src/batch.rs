@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use appell_sim::batch::{
-    self, Batch, BatchError, BatchSummary, Crew, Picture, Row, Shard, Store, VariantSummary,
+    self, Batch, BatchError, BatchSummary, Crew, Picture, Shard, Store, Trials, VariantSummary,
 };
 use appell_sim::record::{Memory, Recorder};
 use appell_sim::report::{self, Press};
@@ -97,31 +97,30 @@ fn run(options: &BatchOptions) -> Result<String, Failure> {
             folder.display()
         ));
     }
-    let (summary, rows) = batch::sum_up(&store).map_err(failed)?;
+    let (summary, trials) = batch::sum_up(&store).map_err(failed)?;
     let pictures = if options.no_report {
         Vec::new()
     } else {
-        pictures(&batch, &rows)?
+        pictures(&batch, &trials)?
     };
-    let shown = write(&store, &summary, &rows, &pictures, !options.no_report)?;
+    let shown = write(&store, &summary, &trials, &pictures, !options.no_report)?;
     Ok(printed(&summary, &folder, &shown, options.json))
 }
 
 fn join(options: &MergeOptions) -> Result<String, Failure> {
     let store = batch::merge(&options.folders, &options.out).map_err(failed)?;
-    let (summary, rows) = batch::sum_up(&store).map_err(failed)?;
-    let shown = write(&store, &summary, &rows, &[], !options.no_report)?;
+    let (summary, trials) = batch::sum_up(&store).map_err(failed)?;
+    let shown = write(&store, &summary, &trials, &[], !options.no_report)?;
     Ok(printed(&summary, &options.out, &shown, options.json))
 }
 
 /// Runs of the trials that are worth a look, once more.
-fn pictures(batch: &Batch, rows: &[Row]) -> Result<Vec<Picture>, Failure> {
+fn pictures(batch: &Batch, trials: &[Trials]) -> Result<Vec<Picture>, Failure> {
     let internal = |error: &dyn std::fmt::Display| (exit::INTERNAL, error.to_string());
     let press = Press::new().map_err(|error| internal(&error))?;
     let mut pictures = Vec::new();
-    let variants = 0..batch.manifest().variants.len();
-    let telling = variants.flat_map(|variant| {
-        let found = batch::telling(batch.manifest(), rows, variant).into_iter();
+    let telling = trials.iter().enumerate().flat_map(|(variant, trials)| {
+        let found = batch::telling(batch.manifest(), trials).into_iter();
         found.map(move |(title, trial)| (variant, title, trial))
     });
     for (variant, title, trial) in telling {
@@ -149,7 +148,7 @@ fn pictures(batch: &Batch, rows: &[Row]) -> Result<Vec<Picture>, Failure> {
 fn write(
     store: &Store,
     summary: &BatchSummary,
-    rows: &[Row],
+    trials: &[Trials],
     pictures: &[Picture],
     with_report: bool,
 ) -> Result<PathBuf, Failure> {
@@ -169,7 +168,7 @@ fn write(
     if !with_report {
         return Ok(shown);
     }
-    let data = batch::report(store.manifest(), summary, rows, pictures);
+    let data = batch::report(store.manifest(), summary, trials, pictures);
     let page = Press::new().and_then(|press| press.batch(&data));
     let page = page.map_err(|error| (exit::INTERNAL, error.to_string()))?;
     write("report.html", &page)

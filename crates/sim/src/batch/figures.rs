@@ -1,11 +1,62 @@
 //! What a batch says: success with its confidence, and the distribution of each figure.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::{Column, DRAWN, Manifest, Row};
+
+/// The trials of a variant, as far as they are summed up: values by columns, and no texts, so that a
+/// million of them find room.
+#[derive(Clone, Debug, Default)]
+pub struct Trials {
+    /// Of each column a value for each trial; NaN where it has none.
+    pub values: Vec<Vec<f64>>,
+    /// Whether each passed.
+    pub passed: Vec<bool>,
+    /// How many had each verdict, and failed for each reason.
+    verdicts: BTreeMap<String, u64>,
+    reasons: BTreeMap<String, u64>,
+    first_failed: Option<u64>,
+}
+
+impl Trials {
+    /// Room for those of a variant.
+    pub(super) fn new(manifest: &Manifest) -> Trials {
+        let room = manifest.trials as usize;
+        let columns = manifest.columns.iter();
+        Trials {
+            values: columns.map(|_| Vec::with_capacity(room)).collect(),
+            passed: Vec::with_capacity(room),
+            ..Trials::default()
+        }
+    }
+
+    /// Takes the next trial.
+    pub(super) fn add(&mut self, row: &Row) {
+        for (column, value) in self.values.iter_mut().zip(&row.values) {
+            column.push(*value);
+        }
+        self.passed.push(row.verdict == PASSED);
+        if row.verdict == "failed" {
+            self.first_failed = self.first_failed.or(Some(row.trial));
+        }
+        count(&mut self.verdicts, &row.verdict);
+        if ["failed", "invalid", "error"].contains(&row.verdict.as_str()) {
+            count(&mut self.reasons, &kind_of(&row.reason));
+        }
+    }
+}
+
+/// Counts a name once more.
+fn count(counts: &mut BTreeMap<String, u64>, name: &str) {
+    match counts.get_mut(name) {
+        Some(count) => *count += 1,
+        None => drop(counts.insert(name.to_owned(), 1)),
+    }
+}
 
 /// Share of trials that passed, with an interval: of such intervals 95 % hold the true share.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
@@ -226,37 +277,40 @@ fn ranks(values: &[f64]) -> Vec<f64> {
 
 /// Spearman's rank correlation of pairs; none where either does not vary.
 pub(super) fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
-    let (a, b) = (ranks(a), ranks(b));
+    correlation_of_ranks(&ranks(a), &ranks(b))
+}
+
+fn correlation_of_ranks(a: &[f64], b: &[f64]) -> Option<f64> {
     let middle = 0.5 * (a.len().max(1) - 1) as f64;
     let sum = |a: &[f64], b: &[f64]| -> f64 {
         let pairs = a.iter().zip(b);
         pairs.map(|(a, b)| (a - middle) * (b - middle)).sum()
     };
-    let size = (sum(&a, &a) * sum(&b, &b)).sqrt();
-    (size > 0.0).then(|| sum(&a, &b) / size)
+    let size = (sum(a, a) * sum(b, b)).sqrt();
+    (size > 0.0).then(|| sum(a, b) / size)
 }
 
 /// Values of a column that there is; of [`PASSED`] what its name says.
-fn column(manifest: &Manifest, rows: &[Row], name: &str) -> Vec<f64> {
+fn column<'a>(manifest: &Manifest, trials: &'a Trials, name: &str) -> Cow<'a, [f64]> {
     let place = manifest.columns.iter().position(|known| known.name == name);
-    let value = |row: &Row| match place {
-        Some(place) => row.values[place],
-        None => f64::from(u8::from(row.verdict == PASSED)),
-    };
-    rows.iter().map(value).collect()
+    match place {
+        Some(place) => Cow::Borrowed(&trials.values[place]),
+        None => {
+            let passed = trials.passed.iter();
+            Cow::Owned(passed.map(|&passed| f64::from(u8::from(passed))).collect())
+        }
+    }
 }
 
-/// How long each trial took, s: the time of the last robot.
-fn times(manifest: &Manifest, rows: &[Row]) -> Vec<f64> {
+/// Columns of the time that a robot took, s.
+fn times<'a>(manifest: &Manifest, trials: &'a Trials) -> Vec<&'a [f64]> {
     let is_time = |name: &str| name == "time" || name.ends_with(": time");
-    let places: Vec<usize> = (0..manifest.columns.len())
-        .filter(|&k| is_time(&manifest.columns[k].name))
-        .collect();
-    let longest = |row: &Row| places.iter().map(|&k| row.values[k]).fold(0.0, f64::max);
-    rows.iter().map(longest).collect()
+    let columns = manifest.columns.iter().zip(&trials.values);
+    let times = columns.filter(|(column, _)| is_time(&column.name));
+    times.map(|(_, values)| values.as_slice()).collect()
 }
 
-fn influences(manifest: &Manifest, rows: &[Row]) -> Vec<Influence> {
+fn influences(manifest: &Manifest, trials: &Trials) -> Vec<Influence> {
     let (drawn, mut figures): (Vec<&str>, Vec<&str>) = (
         (manifest.columns.iter().filter(|c| c.group == DRAWN))
             .map(|c| c.name.as_str())
@@ -268,36 +322,52 @@ fn influences(manifest: &Manifest, rows: &[Row]) -> Vec<Influence> {
     if manifest.has_task && !figures.contains(&PASSED) {
         figures.insert(0, PASSED);
     }
+    let is_whole = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    let of_drawn = drawn.iter().map(|drawn| {
+        let values = column(manifest, trials, drawn);
+        let ranks = is_whole(&values).then(|| ranks(&values));
+        (values, ranks)
+    });
+    let of_drawn: Vec<_> = of_drawn.collect();
+    // Sorting is most of the work: each column is sorted once where no trial lacks it.
     let mut found = Vec::new();
-    for drawn in drawn {
-        let values = column(manifest, rows, drawn);
-        for &figure in &figures {
-            let others = column(manifest, rows, figure);
-            let both = values.iter().zip(&others);
-            let both = both.filter(|(a, b)| a.is_finite() && b.is_finite());
-            let (a, b): (Vec<f64>, Vec<f64>) = both.unzip();
-            if let Some(correlation) = correlation(&a, &b) {
-                found.push(Influence {
-                    drawn: drawn.into(),
-                    figure: figure.into(),
+    for (f, figure) in figures.iter().enumerate() {
+        let others = column(manifest, trials, figure);
+        let of_figure = is_whole(&others).then(|| ranks(&others));
+        for (d, (values, of_values)) in of_drawn.iter().enumerate() {
+            let correlation = match (of_values, &of_figure) {
+                (Some(a), Some(b)) => correlation_of_ranks(a, b),
+                _ => {
+                    let both = values.iter().zip(others.iter());
+                    let both = both.filter(|(a, b)| a.is_finite() && b.is_finite());
+                    let (a, b): (Vec<f64>, Vec<f64>) = both.unzip();
+                    correlation(&a, &b)
+                }
+            };
+            if let Some(correlation) = correlation {
+                let influence = Influence {
+                    drawn: drawn[d].into(),
+                    figure: (*figure).into(),
                     correlation,
-                });
+                };
+                found.push(((d, f), influence));
             }
         }
     }
-    found.sort_by(|a, b| b.correlation.abs().total_cmp(&a.correlation.abs()));
-    found
+    found.sort_by(|(at, a), (place, b)| {
+        let by_size = b.correlation.abs().total_cmp(&a.correlation.abs());
+        by_size.then(at.cmp(place))
+    });
+    found.into_iter().map(|(_, influence)| influence).collect()
 }
 
-/// Differences of the figures of rows to those of other rows of the same trials.
-fn paired(manifest: &Manifest, rows: &[Row], others: &[Row]) -> Vec<Paired> {
+/// Differences of the figures of trials to those of the same trials of another variant.
+fn paired(manifest: &Manifest, trials: &Trials, others: &Trials) -> Vec<Paired> {
     let columns = manifest.columns.iter().enumerate();
     let figures = columns.filter(|(_, column)| column.group != DRAWN);
     let difference = |(k, column): (usize, &Column)| {
-        let apart = rows
-            .iter()
-            .zip(others)
-            .map(|(a, b)| a.values[k] - b.values[k]);
+        let pairs = trials.values[k].iter().zip(&others.values[k]);
+        let apart = pairs.map(|(a, b)| a - b);
         let apart: Vec<f64> = apart.filter(|value| value.is_finite()).collect();
         let count = apart.len() as f64;
         let mean = apart.iter().sum::<f64>() / count.max(1.0);
@@ -313,18 +383,13 @@ fn paired(manifest: &Manifest, rows: &[Row], others: &[Row]) -> Vec<Paired> {
     figures.filter_map(difference).collect()
 }
 
-/// The rows of each variant.
-fn by_variant<'a>(manifest: &Manifest, rows: &'a [Row]) -> std::slice::Chunks<'a, Row> {
-    rows.chunks(manifest.trials.max(1) as usize)
-}
-
-pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSummary {
-    let first = by_variant(manifest, rows).next().unwrap_or_default();
-    let variants = manifest.variants.iter().zip(by_variant(manifest, rows));
-    let variants = variants.enumerate().map(|(k, (name, rows))| {
-        let mut summary = sum_up_variant(manifest, rows, name);
+/// Sums the trials of each variant up.
+pub(super) fn sum_up(manifest: &Manifest, trials: &[Trials], root: String) -> BatchSummary {
+    let variants = manifest.variants.iter().zip(trials).enumerate();
+    let variants = variants.map(|(k, (name, own))| {
+        let mut summary = sum_up_variant(manifest, own, name);
         if k > 0 {
-            summary.paired = paired(manifest, rows, first);
+            summary.paired = paired(manifest, own, &trials[0]);
         }
         summary
     });
@@ -340,49 +405,37 @@ pub(super) fn sum_up(manifest: &Manifest, rows: &[Row], root: String) -> BatchSu
     }
 }
 
-fn sum_up_variant(manifest: &Manifest, rows: &[Row], name: &str) -> VariantSummary {
-    let mut verdicts: BTreeMap<String, u64> = BTreeMap::new();
-    let mut reasons: BTreeMap<String, u64> = BTreeMap::new();
-    for row in rows {
-        *verdicts.entry(row.verdict.clone()).or_default() += 1;
-        if ["failed", "invalid", "error"].contains(&row.verdict.as_str()) {
-            *reasons.entry(kind_of(&row.reason)).or_default() += 1;
-        }
-    }
-    let mut failures: Vec<(String, u64)> = reasons.into_iter().collect();
+fn sum_up_variant(manifest: &Manifest, trials: &Trials, name: &str) -> VariantSummary {
+    let mut failures: Vec<(String, u64)> = trials.reasons.clone().into_iter().collect();
     failures.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    let passed = verdicts.get("passed").copied().unwrap_or(0);
-    let figures = manifest
-        .columns
-        .iter()
-        .enumerate()
-        .filter_map(|(k, column)| {
-            let values = rows.iter().map(|row| row.values[k]).collect();
-            let figure = figure(&column.name, &column.unit, &column.group, values)?;
-            let mark = manifest.marks.get(&column.name).copied();
-            Some(Figure { mark, ..figure })
-        });
+    let passed = trials.verdicts.get(PASSED).copied().unwrap_or(0);
+    let columns = manifest.columns.iter().zip(&trials.values);
+    let figures = columns.filter_map(|(column, values)| {
+        let figure = figure(&column.name, &column.unit, &column.group, values.clone())?;
+        let mark = manifest.marks.get(&column.name).copied();
+        Some(Figure { mark, ..figure })
+    });
     VariantSummary {
         name: name.to_owned(),
-        verdicts,
-        success: (manifest.has_task).then(|| Success::of(passed, rows.len() as u64)),
+        verdicts: trials.verdicts.clone(),
+        success: (manifest.has_task).then(|| Success::of(passed, trials.passed.len() as u64)),
         failures,
         figures: figures.collect(),
-        influences: influences(manifest, rows),
+        influences: influences(manifest, trials),
         paired: Vec::new(),
     }
 }
 
 /// Trials worth a look, with what they are: the quickest, the median and the slowest of those that
 /// passed, and the first that failed, of a variant.
-pub fn telling(manifest: &Manifest, rows: &[Row], variant: usize) -> Vec<(&'static str, u64)> {
-    let rows = by_variant(manifest, rows).nth(variant).unwrap_or_default();
-    let times = times(manifest, rows);
-    let mut passed: Vec<(f64, u64)> = rows
-        .iter()
-        .zip(times)
-        .filter(|(row, _)| row.verdict == "passed")
-        .map(|(row, time)| (time, row.trial))
+pub fn telling(manifest: &Manifest, trials: &Trials) -> Vec<(&'static str, u64)> {
+    let times = times(manifest, trials);
+    // That of the last robot.
+    let time = |trial: usize| times.iter().map(|of| of[trial]).fold(0.0, f64::max);
+    let all = trials.passed.iter().enumerate();
+    let mut passed: Vec<(f64, u64)> = all
+        .filter(|(_, passed)| **passed)
+        .map(|(trial, _)| (time(trial), trial as u64))
         .collect();
     passed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut found: Vec<(&'static str, u64)> = Vec::new();
@@ -395,8 +448,8 @@ pub fn telling(manifest: &Manifest, rows: &[Row], variant: usize) -> Vec<(&'stat
             found.push(("the slowest that passed", last.1));
         }
     }
-    if let Some(row) = rows.iter().find(|row| row.verdict == "failed") {
-        found.push(("the first that failed", row.trial));
+    if let Some(trial) = trials.first_failed {
+        found.push(("the first that failed", trial));
     }
     found
 }
@@ -409,23 +462,26 @@ const POINTS: usize = 600;
 pub fn report(
     manifest: &Manifest,
     summary: &BatchSummary,
-    rows: &[Row],
+    trials: &[Trials],
     pictures: &[Picture],
 ) -> Value {
     let marks: BTreeMap<&String, Value> = manifest
         .marks
         .iter()
         .map(|(name, mark)| {
-            let values = column(manifest, rows, name);
-            let known = values.iter().filter(|value| value.is_finite()).count();
-            let below = values.iter().filter(|value| *value < mark).count();
+            let (mut known, mut below) = (0, 0);
+            for own in trials {
+                let values = column(manifest, own, name);
+                known += values.iter().filter(|value| value.is_finite()).count();
+                below += values.iter().filter(|value| *value < mark).count();
+            }
             let share = below as f64 / known.max(1) as f64;
             (name, json!({"value": mark, "below": share}))
         })
         .collect();
-    let variants = summary.variants.iter().zip(by_variant(manifest, rows));
+    let variants = summary.variants.iter().zip(trials);
     let scatters: Vec<Value> = variants
-        .map(|(variant, rows)| scatters(manifest, variant, rows))
+        .map(|(variant, trials)| scatters(manifest, variant, trials))
         .collect();
     json!({
         "summary": summary,
@@ -439,20 +495,17 @@ pub fn report(
 }
 
 /// Clouds of points of what drawn values move most.
-fn scatters(manifest: &Manifest, summary: &VariantSummary, rows: &[Row]) -> Value {
-    let every = rows.len().div_ceil(POINTS).max(1);
+fn scatters(manifest: &Manifest, summary: &VariantSummary, trials: &Trials) -> Value {
+    let every = trials.passed.len().div_ceil(POINTS).max(1);
     let scatter = |influence: &Influence| {
         let [x, y] = [&influence.drawn, &influence.figure].map(|name| {
-            let values = column(manifest, rows, name).into_iter().step_by(every);
+            let values = column(manifest, trials, name);
+            let values = values.iter().step_by(every);
             values
-                .map(|value| value.is_finite().then_some(value))
+                .map(|value| value.is_finite().then_some(*value))
                 .collect::<Vec<_>>()
         });
-        let passed: Vec<bool> = rows
-            .iter()
-            .step_by(every)
-            .map(|r| r.verdict == "passed")
-            .collect();
+        let passed: Vec<&bool> = trials.passed.iter().step_by(every).collect();
         json!({"influence": influence, "x": x, "y": y, "passed": passed})
     };
     summary

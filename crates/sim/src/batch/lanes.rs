@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use appell_model::lanes::AnyLanes;
 use appell_model::scalar::Scalar;
 
-use super::{Batch, Row};
+use super::{Batch, Manifest, PART, Row};
 use crate::build::Values;
 use crate::meter::Meter;
 use crate::record::{Event, RecordError};
@@ -15,8 +15,9 @@ use crate::world::{Listener, Parts, World};
 
 /// Rows that wait for a thread.
 pub(super) struct Queue<'a> {
-    /// Ranges of rows, in order.
-    pub rows: &'a [u64],
+    pub manifest: &'a Manifest,
+    /// Parts to be run, in order; all but the last of a batch are equally long.
+    pub parts: &'a [u64],
     pub next: AtomicU64,
     /// Whether there is no use in going on.
     pub broken: AtomicBool,
@@ -28,7 +29,8 @@ impl Queue<'_> {
             return None;
         }
         let at = self.next.fetch_add(1, Ordering::Relaxed);
-        self.rows.get(usize::try_from(at).ok()?).copied()
+        let part = self.parts.get(usize::try_from(at / PART).ok()?)?;
+        self.manifest.rows_of(*part).nth((at % PART) as usize)
     }
 }
 

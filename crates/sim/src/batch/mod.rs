@@ -32,7 +32,8 @@ use lanes::{Queue, Worker};
 
 pub use draw::{parse, refuse};
 pub use figures::{
-    BatchSummary, Figure, Influence, Paired, Picture, Success, VariantSummary, report, telling,
+    BatchSummary, Figure, Influence, Paired, Picture, Success, Trials, VariantSummary, report,
+    telling,
 };
 pub use part::Store;
 
@@ -517,7 +518,7 @@ impl Batch {
         let mut there = 0;
         for part in (0..parts).filter(|&part| shard.has(part, parts)) {
             match store.read(part)? {
-                None => missing.extend(self.manifest.rows_of(part)),
+                None => missing.push(part),
                 Some(rows) => there += rows.len() as u64,
             }
         }
@@ -532,7 +533,8 @@ impl Batch {
                 hint: "ask for fewer with --threads",
             })?;
         let queue = Queue {
-            rows: &missing,
+            manifest: &self.manifest,
+            parts: &missing,
             next: AtomicU64::new(0),
             broken: AtomicBool::new(false),
         };
@@ -587,8 +589,8 @@ impl Batch {
     pub fn share(&self, shard: Shard) -> u64 {
         let parts = self.manifest.parts();
         let own = (0..parts).filter(|&part| shard.has(part, parts));
-        own.map(|part| self.manifest.rows_of(part).count() as u64)
-            .sum()
+        let rows = own.map(|part| self.manifest.rows_of(part));
+        rows.map(|rows| rows.end - rows.start).sum()
     }
 }
 
@@ -602,19 +604,22 @@ fn marks(file: &Path) -> Result<BTreeMap<String, f64>, BatchError> {
     Ok(known.map(|(column, value)| (column.name, value)).collect())
 }
 
-/// All rows of a folder, and what they say.
+/// What the rows of a folder say, and the trials of each variant.
 ///
 /// # Errors
 /// Parts are missing or cannot be read.
-pub fn sum_up(store: &Store) -> Result<(BatchSummary, Vec<Row>), BatchError> {
+pub fn sum_up(store: &Store) -> Result<(BatchSummary, Vec<Trials>), BatchError> {
     let manifest = store.manifest();
-    let mut rows = Vec::new();
+    let variants = manifest.variants.iter();
+    let mut trials: Vec<Trials> = variants.map(|_| Trials::new(manifest)).collect();
     let (mut leaves, mut missing) = (Vec::new(), Vec::new());
     for part in 0..manifest.parts() {
         match store.read(part)? {
             Some(stored) => {
                 leaves.push(part::leaf(&stored));
-                rows.extend(stored);
+                for (row, told) in manifest.rows_of(part).zip(&stored) {
+                    trials[manifest.place(row).0].add(told);
+                }
             }
             None => missing.push(part),
         }
@@ -631,8 +636,8 @@ pub fn sum_up(store: &Store) -> Result<(BatchSummary, Vec<Row>), BatchError> {
             hint: "run the shards that are missing; a batch goes on with what it lacks",
         });
     }
-    let summary = figures::sum_up(manifest, &rows, part::root(&leaves));
-    Ok((summary, rows))
+    let summary = figures::sum_up(manifest, &trials, part::root(&leaves));
+    Ok((summary, trials))
 }
 
 /// Brings the parts of several folders of one batch into one.
