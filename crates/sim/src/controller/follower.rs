@@ -171,6 +171,8 @@ pub fn path_follower<T: Scalar>(
 
 /// Where a point is beside a point of a path.
 struct Beside<T> {
+    /// That point: x and y, m.
+    point: [T; 2],
     /// Before it, m.
     along: T,
     /// Left of it, m.
@@ -189,6 +191,7 @@ impl<T: Scalar> Follower<T> {
         let (sin, cos) = point.heading.sin_cos();
         let (dx, dy) = (x - point.place[0], y - point.place[1]);
         Beside {
+            point: point.place,
             along: dx * cos + dy * sin,
             offset: dy * cos - dx * sin,
             heading: point.heading,
@@ -240,6 +243,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let place = Place {
             path: &self.path,
             progress: state.progress,
+            point: beside.point,
             pose: [x, y, yaw],
             along: beside.along,
             offset,

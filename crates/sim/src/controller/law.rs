@@ -20,6 +20,8 @@ pub struct Place<'a, T: Scalar> {
     pub path: &'a Tracks<T>,
     /// Arc length of the point of the path that the errors are taken from, m.
     pub progress: T,
+    /// That point: x and y, m.
+    pub point: [T; 2],
     /// Pose of the robot: m, m, rad.
     pub pose: [T; 3],
     /// How far the robot is before that point, along the path, m.
@@ -202,8 +204,7 @@ impl<T: Scalar> Place<'_, T> {
     /// Pose of the path's point in the robot's axes (x_e, y_e, θ_e): m, m, rad. `[eq:pose-error]`
     #[inline(always)]
     pub fn error(&self) -> [T; 3] {
-        let point = self.path.at(self.progress).place;
         let heading = self.pose[2] - self.heading_error;
-        PoseError::of(self.pose, [point[0], point[1], heading])
+        PoseError::of(self.pose, [self.point[0], self.point[1], heading])
     }
 }

@@ -85,29 +85,25 @@ impl<T: Scalar> Tracks<T> {
         T::select(positive, steps, T::zero())
     }
 
-    /// The point before each lane's place, and the one after it.
+    /// The number of the point before each lane's place, and how far it lies behind, in steps.
     #[inline(always)]
-    fn neighbors(&self, steps: T, lane: usize) -> (usize, usize) {
-        let last = self.paths[lane].points.len() - 1;
-        let k = (steps.lane(lane) as usize).min(last.saturating_sub(1));
-        (k, (k + 1).min(last))
+    fn before(&self, steps: T) -> (T, T) {
+        let whole = steps.floor().min(self.last - T::one()).max(T::zero());
+        (whole, steps - whole)
     }
 
     /// The point at arc length `s`, m, which is clamped to the path.
     #[inline(always)]
     pub fn at(&self, s: T) -> Point<T> {
-        let steps = self.steps(s);
+        let (whole, fraction) = self.before(self.steps(s));
         let mut before = [[0.0; 4]; LANES_MAX];
         let mut after = [[0.0; 4]; LANES_MAX];
-        let mut places = [0.0; LANES_MAX];
         for lane in 0..T::LANES {
-            let (k, next) = self.neighbors(steps, lane);
             let points = &self.paths[lane].points;
+            let k = whole.lane(lane) as usize;
             before[lane] = points[k];
-            after[lane] = points[next];
-            places[lane] = k as f64;
+            after[lane] = points[(k + 1).min(points.len() - 1)];
         }
-        let fraction = steps - T::from_lanes(|lane| places[lane]);
         let mut mixed = [T::zero(); 4];
         for of in 0..4 {
             let from = T::from_lanes(|lane| before[lane][of]);
@@ -127,15 +123,14 @@ impl<T: Scalar> Tracks<T> {
     /// either.
     #[inline(always)]
     pub fn limit(&self, s: T, acceleration: T) -> T {
-        let steps = self.steps(s);
-        let mut places = [0.0; LANES_MAX];
-        for lane in 0..T::LANES {
-            places[lane] = self.neighbors(steps, lane).0 as f64;
-        }
-        let before = T::from_singles(|lane| self.limits[lane][self.neighbors(steps, lane).0]);
-        let after = T::from_singles(|lane| self.limits[lane][self.neighbors(steps, lane).1]);
+        let (whole, share) = self.before(self.steps(s));
+        let limit = |lane: usize, ahead: usize| {
+            let limits = &self.limits[lane];
+            limits[(whole.lane(lane) as usize + ahead).min(limits.len() - 1)]
+        };
+        let before = T::from_singles(|lane| limit(lane, 0));
+        let after = T::from_singles(|lane| limit(lane, 1));
         let gain = T::from(2.0) * acceleration * self.ds;
-        let share = steps - T::from_lanes(|lane| places[lane]);
         let reached = before + share * gain;
         let braked = after + (T::one() - share) * gain;
         reached.min(braked).min(before.max(after)).sqrt()

@@ -158,6 +158,7 @@ fn invariant_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
         let place = Place {
             path: &tracks,
             progress: s,
+            point,
             pose,
             along: dx * cos + dy * sin,
             offset: dy * cos - dx * sin,
