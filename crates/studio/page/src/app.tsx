@@ -39,9 +39,13 @@ export function App() {
   const replaying = useRef(false);
   const [cursorShown, showCursor] = useState<number | null>(null);
   const rowsAt = useRef<number>(0);
+  const rowsLater = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
   const link = useMemo(() => new Link(() => redraw(n => n + 1), () => {
     const now = performance.now();
     if (now - rowsAt.current > 120) { rowsAt.current = now; redraw(n => n + 1); }
+    // The last rows are shown, too.
+    clearTimeout(rowsLater.current);
+    rowsLater.current = setTimeout(() => redraw(n => n + 1), 60);
   }), []);
 
   // Before anything is drawn: canvases take their colors from it.

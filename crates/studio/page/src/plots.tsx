@@ -73,6 +73,7 @@ function Plot(props: Props & { spec: PlotSpec; last: boolean; onClose: () => voi
       ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
       ctx.clip();
       ctx.lineWidth = devicePixelRatio;
+      ctx.setLineDash([]);
       ctx.strokeStyle = color('event');
       for (const event of latest.current.events) {
         const x = Math.round(u.valToPos(event.t, 'x', true)) + 0.5;

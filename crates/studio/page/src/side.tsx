@@ -10,7 +10,7 @@ type Props = {
   change: (path: string, value: number, gesture: number) => void; placing: boolean; setPlacing: (placing: boolean) => void;
 };
 
-const FIRST = ['lookahead', 'speed', 'acceleration', 'lateral_acceleration', 'mass', 'center_of_mass.0', 'resistance', 'friction', 'slope_deg'];
+const FIRST = ['lookahead', 'speed', 'acceleration', 'lateral_acceleration', 'body.mass', 'center_of_mass.0', 'resistance', 'friction', 'slope_deg'];
 
 export function Side({ state, line, run, at, change, placing, setPlacing }: Props) {
   const [chosen, choose] = useState(0);

@@ -39,13 +39,14 @@ export function Transport({ state, line, about, lines, times, t, cursor, replayi
     </div>
     <div class="lanes">
       <div class="names">{shownLines.map(one => <button class="bare" aria-pressed={one.id === state.active} title={one.id === state.active ? `Line ${one.name}: ${one.what}` : `Go on with line ${one.name}: ${one.what}`} onClick={() => { if (one.id !== state.active) void run({ do: 'activate', line: one.id }); }}>{one.name}</button>)}</div>
-      <div class="rail" ref={rail} role="slider" tabIndex={0} aria-label="time" aria-valuemin={0} aria-valuemax={Number(line.end.toFixed(2))} aria-valuenow={Number(t.toFixed(2))} aria-valuetext={`${t.toFixed(2)} seconds`}
-        onPointerDown={e => { rail.current?.setPointerCapture(e.pointerId); pick(e); }} onPointerMove={e => { if (e.buttons & 1) pick(e); }}>
+      <div class="rail" ref={rail}>
+        <div class="grab" role="slider" tabIndex={0} aria-label="time" aria-valuemin={0} aria-valuemax={Number(line.end.toFixed(2))} aria-valuenow={Number(t.toFixed(2))} aria-valuetext={`${t.toFixed(2)} seconds`}
+          onPointerDown={e => { (e.target as Element).setPointerCapture(e.pointerId); pick(e); }} onPointerMove={e => { if (e.buttons & 1) pick(e); }} />
         {shownLines.map(one => { const from = one.parent?.[1] ?? 0; const active = one.id === state.active; return <div class="lane" data-active={active}>
           <i class="whole" style={{ left: where(from), right: `calc(100% - ${where(times(one.id))})` }} />
           {active && <i class="gone" style={{ left: '0', right: `calc(100% - ${where(t)})` }} />}
           {one.parent && <i class="fork" style={{ left: where(from) }} title={`branched from ${one.parent[0]} at ${from.toFixed(2)} s: ${one.what}`} />}
-          {active && one.events.slice(-60).map(e => <button class="mark" data-kind={e.kind} tabIndex={-1} aria-label={`event ${e.n} at ${e.t.toFixed(2)} s: ${e.text}`} title={`${e.t.toFixed(2)} s: ${e.text}${e.detail ? `, ${e.detail}` : ''}`} style={{ left: where(e.t) }} onPointerDown={ev => { ev.stopPropagation(); seek(e.t); }}>{e.kind === 'change' || e.kind === 'swap' ? '' : e.n}</button>)}
+          {active && one.events.slice(-60).map(e => <button class="mark" data-kind={e.kind} aria-label={`event ${e.n} at ${e.t.toFixed(2)} s: ${e.text}`} title={`${e.t.toFixed(2)} s: ${e.text}${e.detail ? `, ${e.detail}` : ''}`} style={{ left: where(e.t) }} onClick={() => seek(e.t)}>{e.kind === 'change' || e.kind === 'swap' ? '' : e.n}</button>)}
           {one.over && <span class="end" data-verdict={one.verdict} style={{ left: where(times(one.id)) }}>{one.verdict === 'passed' ? '✓' : one.verdict === 'failed' ? '✗' : '■'}</span>}
         </div>; })}
         <div class="ticks" aria-hidden="true">{multiples(0, top, step).map((v: number) => <span style={{ left: where(v) }}>{Number(v.toFixed(6))}{v + step > top ? ' s' : ''}</span>)}</div>

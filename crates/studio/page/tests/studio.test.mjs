@@ -1,7 +1,7 @@
 // The page in a real browser: everything that people do first, on a server of its own.
 
 import assert from 'node:assert/strict';
-import { execFileSync, spawn } from 'node:child_process';
+import { spawn, spawnSync } from 'node:child_process';
 import { cpSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
@@ -49,7 +49,7 @@ test('the page opens within a second or so, and tells what runs', async () => {
   await page.getByRole('button', { name: 'Play', exact: true }).waitFor();
   console.log(`first picture after ${Math.round(performance.now() - begun)} ms`);
   assert.equal(await page.locator('svg .beacon').count(), 5);
-  assert.equal(await page.getByLabel('controller').inputValue(), 'controller');
+  assert.equal(await page.getByLabel('controller', { exact: true }).inputValue(), 'controller');
 });
 
 test('play, pause, step, scrub', async () => {
@@ -63,9 +63,10 @@ test('play, pause, step, scrub', async () => {
   const stepped = await until('steps', s => active(s).end > active(paused).end);
   assert.ok(Math.abs(active(stepped).end - active(paused).end - 0.01) < 1e-9);
   await page.keyboard.press('Home');
-  assert.equal(await page.locator('[data-time]').textContent(), '0.00');
+  await page.waitForFunction(() => document.querySelector('[data-time]').textContent === '0.00');
   await page.keyboard.press('End');
-  assert.equal(await page.locator('[data-time]').textContent(), active(stepped).end.toFixed(2));
+  const last = active(stepped).end.toFixed(2);
+  await page.waitForFunction(text => document.querySelector('[data-time]').textContent === text, last);
 });
 
 test('a slider changes a number while it drives, and undo takes it back', async () => {
@@ -74,7 +75,10 @@ test('a slider changes a number while it drives, and undo takes it back', async 
   for (let k = 0; k < 10; k++) await page.keyboard.press('ArrowRight');
   const changed = await until('changes', s => s.changes.length > 0);
   assert.equal(changed.changes[0][1], 'robot.tri.controller.lookahead');
-  while ((await state()).undo) await page.getByRole('button', { name: 'Undo' }).click();
+  while ((await state()).undo) {
+    await page.keyboard.press('Control+z');
+    await page.waitForTimeout(100);
+  }
   const back = await until('is undone', s => s.changes.length === 0);
   assert.ok(active(back).end > 0.5, 'it is where it was');
 });
@@ -88,7 +92,7 @@ test('a change in the past makes a branch', async () => {
 });
 
 test('a law takes over while it drives, and a beacon is dragged', async () => {
-  await page.getByLabel('controller').selectOption('stanley');
+  await page.getByLabel('controller', { exact: true }).selectOption('stanley');
   await until('swaps', s => s.robots[0].controllers.some(c => c.name === 'stanley'));
   await page.keyboard.press('ArrowRight');
   await until('drives', s => s.robots[0].driving === 'stanley');
@@ -102,7 +106,7 @@ test('a law takes over while it drives, and a beacon is dragged', async () => {
 });
 
 test('hands drive by keys', async () => {
-  await page.getByLabel('controller').selectOption('hand');
+  await page.getByLabel('controller', { exact: true }).selectOption('hand');
   await until('stands by', s => s.robots[0].controllers.some(c => c.name === 'hand'));
   await page.locator('body').click({ position: { x: 700, y: 20 } });
   await page.keyboard.press('Space');
@@ -131,7 +135,9 @@ test('what was saved repeats from the command line, bit for bit', async () => {
     return (await (await fetch(address + asked)).text()).trim().split('\n').slice(1);
   };
   const here = await rows();
-  execFileSync(bin('appell'), ['run', join(folder, 'scenarios/mine.toml'), '--csv', '--no-report', '--out', join(folder, 'out')], { stdio: 'ignore' }).toString;
+  // 1: the task is not passed by hand.
+  const ran = spawnSync(bin('appell'), ['run', join(folder, 'scenarios/mine.toml'), '--csv', '--no-report', '--out', join(folder, 'out')], { encoding: 'utf8' });
+  assert.ok(ran.status === 0 || ran.status === 1, ran.stderr);
   const text = readFileSync(join(folder, 'out/recording.csv'), 'utf8').trim().split('\n');
   const names = text[0].split(',').map(name => name.replace(/ .*| *\[.*/, ''));
   const columns = ['t', 'robot.tri.pose.x', 'robot.tri.pose.yaw', 'robot.tri.wheel.left.voltage'].map(name => names.findIndex(n => n === name));

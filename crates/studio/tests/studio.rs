@@ -1,0 +1,289 @@
+//! What is done to lines, without network or clock: each is a scenario that repeats it bit for bit.
+
+use std::path::{Path, PathBuf};
+
+use appell_sim::record::{Memory, Recording};
+use appell_sim::run::Run;
+use appell_sim::scenario;
+use appell_studio::studio::{Command, Line, Studio};
+use serde_json::{Value, json};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn open(name: &str) -> Studio {
+    let file = root().join(format!("scenarios/{name}.toml"));
+    Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn say(studio: &mut Studio, command: Value) -> Result<Value, String> {
+    let command: Command = serde_json::from_value(command).expect("a command");
+    studio.handle(command).map_err(|error| error.to_string())
+}
+
+fn told(studio: &mut Studio, command: Value) -> Value {
+    say(studio, command.clone()).unwrap_or_else(|error| panic!("{command}: {error}"))
+}
+
+fn drive(studio: &mut Studio, ticks: u64) {
+    for _ in 0..ticks {
+        if !studio.advance(1) {
+            return;
+        }
+    }
+}
+
+/// The line has the rows that a run of its scenario has, as far as it has come.
+fn assert_repeats(line: &Line) {
+    let loaded = line.document().unwrap_or_else(|error| panic!("{error}"));
+    let mut memory = Memory::new();
+    let mut run = Run::new(&loaded, 0).unwrap_or_else(|error| panic!("{error}"));
+    run.execute(&mut memory, &mut |_| {}).expect("runs");
+    let recording: Recording = memory.into_recording();
+    let history = line.history.lock().expect("nobody panicked");
+    assert!(history.rows() > 10);
+    for k in 0..history.rows() {
+        assert_eq!(history.times[k].to_bits(), recording.times[k].to_bits());
+        for (column, signal) in recording.columns.iter().zip(&recording.header.signals) {
+            let own = history.column(&signal.path).expect("recorded");
+            let here = history.value(k, own);
+            assert_eq!(
+                here.to_bits(),
+                column[k].to_bits(),
+                "{} row {k}",
+                signal.path
+            );
+        }
+    }
+    for ((_, here), there) in history.events.iter().zip(&recording.events) {
+        assert_eq!(here, there);
+    }
+}
+
+#[test]
+fn invariant_what_is_done_repeats_bit_for_bit() {
+    let mut studio = open("slalom");
+    let speed = "robot.tri.controller.speed";
+    drive(&mut studio, 1500);
+    told(
+        &mut studio,
+        json!({"do": "change", "path": speed, "value": 0.6, "gesture": 1}),
+    );
+    drive(&mut studio, 33);
+    told(
+        &mut studio,
+        json!({"do": "change", "path": speed, "value": 0.7, "gesture": 1}),
+    );
+    drive(&mut studio, 900);
+    told(
+        &mut studio,
+        json!({"do": "engage", "robot": "tri", "with": "stanley"}),
+    );
+    drive(&mut studio, 700);
+    told(
+        &mut studio,
+        json!({"do": "engage", "robot": "tri", "with": "hand"}),
+    );
+    let forward = "robot.tri.standby.hand.controller.channel.forward.signal.value";
+    for (ticks, value) in [(101, 0.4), (507, -0.2), (303, 0.0)] {
+        drive(&mut studio, ticks);
+        told(
+            &mut studio,
+            json!({"do": "change", "path": forward, "value": value}),
+        );
+    }
+    drive(&mut studio, 500);
+    assert_repeats(studio.active());
+    // A branch in the past keeps what was done before it alone.
+    told(&mut studio, json!({"do": "branch", "at": 2.0}));
+    drive(&mut studio, 1000);
+    assert_repeats(studio.active());
+    assert_eq!(studio.active().parent, Some(("A".to_owned(), 2.0)));
+    assert_eq!(studio.state()["changes"].as_array().map(Vec::len), Some(2));
+    // A change in the past makes one, too.
+    told(
+        &mut studio,
+        json!({"do": "change", "path": speed, "value": 1.1, "at": 1.0}),
+    );
+    drive(&mut studio, 1000);
+    assert_repeats(studio.active());
+    // Another arena from the beginning, driven to the same instant.
+    let rows = studio.active().rows();
+    told(
+        &mut studio,
+        json!({"do": "edit", "set": [["arena.beacon.b5.position", "[6.8, 2.2]"]]}),
+    );
+    assert_eq!(studio.active().rows(), rows);
+    assert_repeats(studio.active());
+}
+
+#[test]
+fn invariant_undo_drives_what_was_before() {
+    let mut studio = open("slalom");
+    drive(&mut studio, 1000);
+    let before = studio.active().document().expect("a scenario").resolved;
+    for gesture in [7, 7, 8] {
+        let path = "robot.tri.platform.body.mass";
+        let value = 10.0 + f64::from(gesture);
+        told(
+            &mut studio,
+            json!({"do": "change", "path": path, "value": value, "gesture": gesture}),
+        );
+        drive(&mut studio, 100);
+    }
+    let after = studio.active().document().expect("a scenario").resolved;
+    let rows = studio.active().rows();
+    told(&mut studio, json!({"do": "undo"}));
+    told(&mut studio, json!({"do": "undo"}));
+    assert!(say(&mut studio, json!({"do": "undo"})).is_err());
+    assert_eq!(
+        studio.active().document().expect("a scenario").resolved,
+        before
+    );
+    assert_eq!(studio.active().rows(), rows, "it stands where it stood");
+    assert_repeats(studio.active());
+    told(&mut studio, json!({"do": "redo"}));
+    told(&mut studio, json!({"do": "redo"}));
+    assert_eq!(
+        studio.active().document().expect("a scenario").resolved,
+        after
+    );
+    assert_repeats(studio.active());
+    // Undoing a branch goes back to the line it came from.
+    told(&mut studio, json!({"do": "branch", "at": 0.5}));
+    assert_eq!(studio.active().name, "B");
+    told(&mut studio, json!({"do": "undo"}));
+    assert_eq!(studio.active().name, "A");
+    assert_eq!(studio.lines().len(), 1);
+}
+
+#[test]
+fn invariant_ghosts_change_nothing() {
+    let mut studio = open("slalom");
+    told(
+        &mut studio,
+        json!({"do": "ghost", "level": "kinematic", "on": true}),
+    );
+    drive(&mut studio, 500);
+    told(
+        &mut studio,
+        json!({"do": "change", "path": "robot.tri.controller.speed", "value": 0.5}),
+    );
+    drive(&mut studio, 60_000);
+    assert!(studio.active().is_over());
+    assert_repeats(studio.active());
+    let ghost = &studio.lines()[1];
+    assert!(ghost.is_over());
+    assert_repeats(ghost);
+}
+
+#[test]
+fn refusal_of_commands() {
+    let mut studio = open("slalom");
+    drive(&mut studio, 300);
+    let before = studio.active().document().expect("a scenario").resolved;
+    for (command, words) in [
+        (json!({"do": "speed", "factor": 1000.0}), "0.01"),
+        (
+            json!({"do": "change", "path": "robot.tri.controller.speed", "value": -1.0}),
+            "must be",
+        ),
+        (
+            json!({"do": "change", "path": "robot.tri.controller.speed", "value": -1.0, "at": 0.1}),
+            "must be",
+        ),
+        (
+            json!({"do": "change", "path": "robot.tri.no.such", "value": 1.0}),
+            "no",
+        ),
+        (
+            json!({"do": "swap", "robot": "tri", "to": "nobody"}),
+            "nobody",
+        ),
+        (
+            json!({"do": "engage", "robot": "tri", "with": "magic"}),
+            "law",
+        ),
+        (json!({"do": "branch", "at": 1e9}), "at"),
+        (json!({"do": "branch", "at": -1.0}), "at"),
+        (json!({"do": "activate", "line": 99}), "99"),
+        (
+            json!({"do": "edit", "set": [["arena.beacon.b1.position", "[nan, 2.0]"]]}),
+            "arena",
+        ),
+        (
+            json!({"do": "edit", "set": [["robot.tri.count", "5"]]}),
+            "count",
+        ),
+        (json!({"do": "open", "name": "../robots/jackal"}), "one of"),
+        (json!({"do": "open", "name": "/etc/passwd"}), "one of"),
+        (json!({"do": "save", "name": "../evil"}), "letters"),
+        (json!({"do": "save", "name": "a/b"}), "letters"),
+        (json!({"do": "save", "name": ""}), "letters"),
+        (json!({"do": "save", "name": "slalom"}), "already"),
+    ] {
+        let refused = say(&mut studio, command.clone()).expect_err(&command.to_string());
+        assert!(refused.contains(words), "{command}: {refused}");
+    }
+    assert_eq!(studio.lines().len(), 1);
+    assert_eq!(
+        studio.active().document().expect("a scenario").resolved,
+        before
+    );
+    // Numbers that are none are not even JSON.
+    for text in [
+        r#"{"do": "change", "path": "a", "value": NaN}"#,
+        r#"{"do": "change", "path": "a", "value": 1e999}"#,
+        r#"{"do": "change", "path": "a", "value": null}"#,
+    ] {
+        assert!(serde_json::from_str::<Command>(text).is_err(), "{text}");
+    }
+}
+
+/// A recording is looked at as it is, and driven on from any instant of it.
+#[test]
+fn invariant_a_recording_is_opened_and_branched() {
+    let folder = std::env::temp_dir().join(format!("appell-studio-test-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let mut studio = open("slalom");
+    drive(&mut studio, 60_000);
+    let file = folder.join("run.mcap");
+    Studio::write_recording(studio.active(), &file).expect("writes");
+    let mut again = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(again.active().rows(), studio.active().rows());
+    assert!(say(&mut again, json!({"do": "play"})).is_err());
+    told(&mut again, json!({"do": "branch", "at": 3.0}));
+    drive(&mut again, 1000);
+    assert_repeats(again.active());
+    // A saved scenario takes the place of a link, and does not follow it.
+    let scenario = folder.join("own.toml");
+    std::fs::write(
+        &scenario,
+        &scenario::load(&root().join("scenarios/slalom.toml"), &[])
+            .expect("loads")
+            .resolved,
+    )
+    .expect("writes");
+    let mut own = Studio::open(&scenario, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("/etc/hostname", folder.join("link.toml")).expect("a link");
+        assert!(
+            say(
+                &mut own,
+                json!({"do": "save", "name": "link", "replace": true})
+            )
+            .is_err()
+        );
+        assert!(!own.scenarios().contains(&"link".to_owned()));
+    }
+    told(&mut own, json!({"do": "save", "name": "mine"}));
+    assert!(say(&mut own, json!({"do": "save", "name": "mine"})).is_err());
+    told(
+        &mut own,
+        json!({"do": "save", "name": "mine", "replace": true}),
+    );
+    scenario::load(&folder.join("mine.toml"), &[]).unwrap_or_else(|error| panic!("{error}"));
+    std::fs::remove_dir_all(&folder).expect("removes");
+}
