@@ -22,6 +22,10 @@ pub fn studio(options: &StudioOptions) -> u8 {
         .filter(|path| path.is_file());
     let mut command = Command::new(beside.unwrap_or_else(|| PathBuf::from(&name)));
     command.arg(&options.file);
+    // Libraries and FMUs of the scenario are served by this program.
+    if let Ok(own) = std::env::current_exe() {
+        command.env("APPELL_EXECUTABLE", own);
+    }
     for (path, value) in overrides {
         command.arg("--set").arg(format!("{path}={value}"));
     }

@@ -496,7 +496,7 @@ impl Studio {
                     .iter()
                     .map(|(path, value)| format!("{path} = {value}"))
                     .collect();
-                self.from_the_beginning(document, edited, words.join(", "), gesture)?;
+                self.drive_anew(document, edited, words.join(", "), gesture)?;
             }
             Command::AddBeacon { position } => {
                 let document = self.active().document()?;
@@ -513,14 +513,14 @@ impl Studio {
                     radius,
                 });
                 let edited = self.reload(&scenario, &[])?;
-                self.from_the_beginning(document, edited, format!("beacon {name} placed"), None)?;
+                self.drive_anew(document, edited, format!("beacon {name} placed"), None)?;
             }
             Command::RemoveBeacon { name } => {
                 let document = self.active().document()?;
                 let mut scenario = document.scenario.clone();
                 scenario.arena.beacon.retain(|beacon| beacon.name != name);
                 let edited = self.reload(&scenario, &[])?;
-                self.from_the_beginning(document, edited, format!("beacon {name} removed"), None)?;
+                self.drive_anew(document, edited, format!("beacon {name} removed"), None)?;
             }
             Command::Engage { robot, with, at } => self.engage(&robot, &with, at)?,
             Command::Branch { at } => {
@@ -627,7 +627,7 @@ impl Studio {
 
     /// Drives another scenario to where the active line is. The line stays to be seen, unless the last change
     /// belongs to the same gesture.
-    fn from_the_beginning(
+    fn drive_anew(
         &mut self,
         before: Loaded,
         after: Loaded,
@@ -738,7 +738,7 @@ impl Studio {
             let set = [(path.to_owned(), scenario::number_text(value))];
             let edited = self.reload(&before.scenario, &set)?;
             let what = format!("{path} = {value}");
-            return self.from_the_beginning(before, edited, what, gesture);
+            return self.drive_anew(before, edited, what, gesture);
         }
         let goes_on = gesture.is_some() && gesture == self.gesture;
         let what = format!("{path} = {value}");
@@ -749,7 +749,7 @@ impl Studio {
             scenario.change.retain(|change| change.path != path);
             let set = [(path.to_owned(), scenario::number_text(value))];
             let edited = self.reload(&scenario, &set)?;
-            return self.from_the_beginning(before, edited, what, gesture);
+            return self.drive_anew(before, edited, what, gesture);
         }
         let from = self.active;
         if let (true, Some(at)) = (is_past, at) {

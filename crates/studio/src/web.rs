@@ -13,7 +13,7 @@ use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
 use axum::extract::{DefaultBodyLimit, Path, Query, Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Json, Response};
 use axum::routing::{get, post};
@@ -373,7 +373,7 @@ async fn recording(State(server): Shared, Path((_, line)): Path<(String, u32)>) 
     }
 }
 
-async fn socket(State(server): Shared, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn socket(State(server): Shared, upgrade: WebSocketUpgrade) -> Response {
     // A program without a page says no Origin, and has the token.
     let Ok(place) = server.pages.clone().try_acquire_owned() else {
         return (
@@ -382,7 +382,6 @@ async fn socket(State(server): Shared, headers: HeaderMap, upgrade: WebSocketUpg
         )
             .into_response();
     };
-    let _ = headers;
     upgrade
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)

@@ -7,6 +7,7 @@ import { indexAt, stateAt } from '../../../sim/web/run.js';
 import type { Line, Link } from './net';
 
 type View = ReturnType<typeof viewOf>;
+type Drag = { beacon: string | null; moved: boolean; x: number; y: number; gesture: number };
 export type Follow = 'fit' | 'follow' | 'free';
 
 export const GHOSTS = ['purple', 'sky', 'green', 'orange', 'blue', 'vermilion'];
@@ -27,6 +28,8 @@ export function Arena(props: Props) {
   const rulerNow = useRef(ruler);
   rulerNow.current = ruler;
   const dirty = useRef(true);
+  // A drag of a beacon makes new lines: window and drag outlive them.
+  const kept = useRef<{ view: View; drag: Drag | null }>({ view: viewOf(100, 0, 0), drag: null });
 
   useEffect(() => { dirty.current = true; }, [props.line, props.follow, props.others.map(o => o.line.id).join(), size, props.forces, ruler, props.measuring]);
   useEffect(() => { if (!props.measuring) setRuler([]); }, [props.measuring]);
@@ -45,7 +48,7 @@ export function Arena(props: Props) {
     const svg = root.querySelector('svg') as SVGSVGElement;
     const layer = (name: string) => svg.querySelector(`[data-layer="${name}"]`) as SVGGElement;
     const layers = { ground: layer('ground'), others: layer('others'), trail: layer('trail'), top: layer('top'), moving: layer('moving'), rim: layer('rim') };
-    let view: View = viewOf(100, 0, 0);
+    let view: View = kept.current.view;
     let shown = { time: NaN, rows: -1, trail: -1, until: -1, fastest: 1, newton: 0, scaled: 0 };
     let handle = 0;
 
@@ -174,12 +177,12 @@ export function Arena(props: Props) {
       const box = svg.getBoundingClientRect();
       return [(event.clientX - box.left - view.x(0)) / view.scale, (view.y(0) - (event.clientY - box.top)) / view.scale];
     };
-    let drag: { beacon: string | null; from: [number, number]; moved: boolean; x: number; y: number; gesture: number; asked: boolean } | null = null;
+    let drag: Drag | null = kept.current.drag;
     const down = (event: PointerEvent) => {
       if (event.button !== 0) return;
       const at = place(event);
       const near = latest.current.link.state?.beacons.find(b => Math.hypot(b.position[0] - at[0], b.position[1] - at[1]) < Math.max(b.radius, 10 / view.scale));
-      drag = { beacon: near && !latest.current.measuring ? near.name : null, from: at, moved: false, x: event.clientX, y: event.clientY, gesture: Date.now() % 1e9, asked: false };
+      drag = { beacon: near && !latest.current.measuring ? near.name : null, moved: false, x: event.clientX, y: event.clientY, gesture: Date.now() % 1e9 };
       svg.setPointerCapture(event.pointerId);
     };
     const move = (event: PointerEvent) => {
@@ -241,18 +244,21 @@ export function Arena(props: Props) {
     svg.addEventListener('pointerdown', down);
     svg.addEventListener('pointermove', move);
     svg.addEventListener('pointerup', up);
-    svg.addEventListener('pointercancel', () => { drag = null; });
+    const cancel = () => { drag = null; };
+    svg.addEventListener('pointercancel', cancel);
     svg.addEventListener('wheel', wheel, { passive: false });
     addEventListener('studio-zoom', zoom);
     addEventListener('studio-redraw', redraw);
     handle = requestAnimationFrame(frame);
     return () => {
       cancelAnimationFrame(handle);
+      kept.current = { view, drag };
       removeEventListener('studio-zoom', zoom);
       removeEventListener('studio-redraw', redraw);
       svg.removeEventListener('pointerdown', down);
       svg.removeEventListener('pointermove', move);
       svg.removeEventListener('pointerup', up);
+      svg.removeEventListener('pointercancel', cancel);
       svg.removeEventListener('wheel', wheel);
     };
   }, [props.line]);

@@ -94,7 +94,7 @@ test('a change in the past makes a branch', async () => {
 test('a law takes over while it drives, and a beacon is dragged', async () => {
   await page.getByLabel('controller', { exact: true }).selectOption('stanley');
   await until('swaps', s => s.robots[0].controllers.some(c => c.name === 'stanley'));
-  await page.keyboard.press('ArrowRight');
+  await page.getByRole('button', { name: 'One row on' }).click();
   await until('drives', s => s.robots[0].driving === 'stanley');
   const box = await page.locator('svg .beacon').nth(4).boundingBox();
   await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
