@@ -25,7 +25,7 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
   };
   const all = line.scene.numbers.filter(([path, , can]) => can && (path.startsWith(base) || path.startsWith('terrain.')) && !path.includes('.standby.hand.'));
   const short = (path: string) => path.replace(base, '').replace(/^platform\./, '');
-  const rank = (path: string) => { const s = short(path); const k = FIRST.findIndex(f => s.endsWith('.' + f)); return k < 0 ? 99 : k + (s.includes('standby') || s.includes('wheel.right') ? 20 : 0); };
+  const rank = (path: string) => { const s = short(path); const k = FIRST.findIndex(f => ('.' + s).endsWith('.' + f)); return k < 0 ? 99 : k + (s.includes('standby') || s.includes('wheel.right') ? 20 : 0); };
   const words = filter.toLowerCase().split(/\s+/).filter(Boolean);
   const shown = words.length > 0 ? all.filter(([path]) => words.every(w => path.toLowerCase().includes(w))).slice(0, 40)
     : all.filter(([path]) => rank(path) < 20).sort((a, b) => rank(a[0]) - rank(b[0])).slice(0, 8);
