@@ -256,7 +256,7 @@ impl Clock {
     fn write_recording(&self, line: u32, file: &std::path::Path) -> Result<Value, Refusal> {
         let line = self.studio.lines().iter().find(|one| one.id == line);
         let line = line.ok_or_else(|| Refusal::new("there is no such line", ""))?;
-        Studio::write_recording(line, file)
+        line.write_recording(file)
             .map(|()| Value::Null)
             .map_err(|error| Refusal::new(error.to_string(), ""))
     }

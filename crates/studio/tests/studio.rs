@@ -249,7 +249,7 @@ fn invariant_a_recording_is_opened_and_branched() {
     let mut studio = open("slalom");
     drive(&mut studio, 60_000);
     let file = folder.join("run.mcap");
-    Studio::write_recording(studio.active(), &file).expect("writes");
+    studio.active().write_recording(&file).expect("writes");
     let mut again = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(again.active().rows(), studio.active().rows());
     assert!(say(&mut again, json!({"do": "play"})).is_err());
