@@ -310,6 +310,20 @@ impl<T: Scalar> Platform<T> {
         mass
     }
 
+    /// Mass of the whole, kg, its moments along the base's axes, kg·m, and that of its height, kg·m, with
+    /// wheels at their mounts.
+    pub fn balance(&self) -> (T, Vec2<T>, T) {
+        let mut mass = self.body.mass;
+        let mut first = self.body.center_of_mass * self.body.mass;
+        let mut up = self.body.com_height * self.body.mass;
+        for wheel in &self.wheels {
+            mass += wheel.mass;
+            first = first + wheel.mount * wheel.mass;
+            up = wheel.mass.mul_add(wheel.radius, up);
+        }
+        (mass, first, up)
+    }
+
     /// The same platform with every number passed through `value`, called with its path
     /// (`body.mass`, `wheel.left.radius`): the one place where lanes and dual numbers come in.
     pub fn map<U: Scalar>(&self, value: &mut dyn FnMut(&str, T) -> U) -> Platform<U> {

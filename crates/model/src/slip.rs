@@ -161,17 +161,12 @@ impl<T: Scalar> Slip<T> {
 
         let body = platform.body();
         let n = layout.dof();
-        let mut mass = body.mass;
-        let mut first = body.center_of_mass * body.mass;
+        let (mass, first, moment_up) = platform.balance();
         let mut second = body.center_of_mass.dot(body.center_of_mass) * body.mass;
         second += body.inertia_com;
-        let mut moment_up = body.com_height * body.mass;
         let mut inertia = [zero_row::<T>(); MAX_DOF];
         for (i, wheel) in platform.wheels().iter().enumerate() {
-            mass += wheel.mass;
-            first = first + wheel.mount * wheel.mass;
             second += wheel.mount.dot(wheel.mount) * wheel.mass + wheel.inertia_vertical;
-            moment_up = wheel.mass.mul_add(wheel.radius, moment_up);
             // Steered wheels turn with the base and against it.
             let swivel = match wheel.steering {
                 Steering::Driven | Steering::Linked { .. } => {

@@ -40,8 +40,6 @@ pub struct Stance<T: Scalar> {
     pub loads: [T; MAX_WHEELS],
     /// Wheels in the air.
     pub lifted: [T::Mask; MAX_WHEELS],
-    /// Slope of each wheel's way against the chassis, along its rolling direction.
-    pub grades: [T; MAX_WHEELS],
     /// What gravity and ground do in the plane of the chassis: force, N, and moment about P, N·m.
     pub push: [T; 3],
     /// Moment of the ground on each steered wheel about the axis of its steering, N·m.
@@ -97,15 +95,7 @@ impl<T: Scalar> Footing<T> {
         if let Some(wheel) = wheels.iter().find(|wheel| wheel.is_towed()) {
             return Err(FootingError::Trailer(wheel.name.clone()));
         }
-        let body = platform.body();
-        let mut mass = body.mass;
-        let mut first = body.center_of_mass * body.mass;
-        let mut up = body.com_height * body.mass;
-        for wheel in wheels {
-            mass += wheel.mass;
-            first = first + wheel.mount * wheel.mass;
-            up = wheel.mass.mul_add(wheel.radius, up);
-        }
+        let (mass, first, up) = platform.balance();
         let per = T::one() / mass;
         let (flat, up) = (first * per, up * per);
         let contacts: Vec<_> = wheels.iter().map(|w| (w.mount, w.stiffness)).collect();
@@ -144,11 +134,6 @@ impl<T: Scalar> Footing<T> {
         &self.terrain
     }
 
-    /// The contacts that carry the robot.
-    pub fn support(&self) -> &Support<T> {
-        &self.support
-    }
-
     /// Loads along the normal of the chassis that a force F of the ground in its plane, N, adds to those
     /// at rest: dNᵢ = bᵢ · F, without lifted wheels.
     pub fn transfer(&self, stance: &Stance<T>) -> [Vec2<T>; MAX_WHEELS] {
@@ -169,7 +154,7 @@ impl<T: Scalar> Footing<T> {
         let weight = T::select(bears, weight, T::one());
         let at = vec2(center[0], center[1]);
         let point = Support::zero_moment_point(weight, at, center[2], force);
-        T::select(bears, self.support().margin(point), T::zero())
+        T::select(bears, self.support.margin(point), T::zero())
     }
 
     /// An attitude to begin the search for that of a state with: the plane that is nearest to the
@@ -207,15 +192,15 @@ impl<T: Scalar> Footing<T> {
         }
         for attempt in 0..TRIES {
             let change = solve3(&look.change, look.force);
+            if change.iter().any(|step| !step.lane(0).is_finite()) {
+                break;
+            }
             let mut largest = 0.0_f64;
             for k in 0..3 {
                 let most = T::from(if k == 0 { 1.0 } else { 0.2 });
                 let step = change[k].max(-most).min(most);
                 attitude[k] += step;
                 largest = largest.max(step.abs().lane(0));
-            }
-            if largest.is_nan() {
-                break;
             }
             // Once these wheels are at rest, the one that pulls hardest is lifted, or else the one that
             // is deepest in the ground is put down.
@@ -299,7 +284,6 @@ impl<T: Scalar> Footing<T> {
             attitude,
             loads: [T::zero(); MAX_WHEELS],
             lifted: [T::Mask::splat(true); MAX_WHEELS],
-            grades: [T::zero(); MAX_WHEELS],
             twists: [T::zero(); MAX_WHEELS],
             push,
             gravity_normal: self.gravity * normal[2],
@@ -392,8 +376,6 @@ impl<T: Scalar> Footing<T> {
                 }
                 _ => stance.twists[i] = twist,
             }
-            // Slope against the chassis, along the way of the wheel.
-            stance.grades[i] = -(frame.forward.dot(vec2(within[0], within[1])) / out[0]);
             stance.loads[i] = load * gradient.dot(gradient).mul_add(T::one(), T::one()).sqrt();
             let elastic = T::from(0.5) * load * load / self.stiffness[i];
             stance.potential += elastic;
