@@ -12,7 +12,7 @@ use crate::platform::{BODY_OUTPUTS, MAX_WHEELS, Platform, WheelOutput, YAW};
 use crate::rolling::Rolling;
 use crate::scalar::Scalar;
 use crate::solve::MAX_DOF;
-use crate::stance::{Attitude, Footing, Stance};
+use crate::stance::{Attitude, Footing, Stance, Standing};
 
 /// A level of model in a plane.
 pub trait Planar<T: Scalar>: Dynamics<T> {
@@ -82,6 +82,14 @@ impl<T: Scalar, S: Planar<T>> Following<T, S> {
         let at = self.attitude();
         let near: Attitude<T> = [x[at], x[at + 1], x[at + 2]];
         self.footing.stand(self.level.platform(), x, near)
+    }
+
+    /// Renews height, roll and pitch in a state, and says whether it can stand so.
+    pub fn rest(&self, x: &mut [T]) -> Standing {
+        let stance = self.stand(x);
+        let at = self.attitude();
+        x[at..].copy_from_slice(&stance.attitude);
+        stance.standing
     }
 
     /// The input with what gravity and the ground do.

@@ -5,6 +5,7 @@
 //! Masses of casters count at their pivots. Base axes for forces, world frame for the pose.
 
 mod implicit;
+mod uneven;
 
 use crate::drive::Drive;
 use crate::dynamics::{Dynamics, Sizes};
@@ -14,11 +15,13 @@ use crate::platform::{BODY_OUTPUTS, Layout, MAX_WHEELS, Platform, WheelOutput, Y
 use crate::rolling::axle::{Action, Axle};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{MAX_DOF, Row, Square, invert, product, zero_row};
+use crate::stance::Footing;
 use crate::support::Support;
 use crate::tire::Tire;
 use crate::wheel::{Steering, WheelFrame};
 
 pub use implicit::Implicit;
+use uneven::Lie;
 
 /// Outputs of each wheel at this level, after those of the layout; [`SlipOutput`].
 pub const SLIP_OUTPUTS: usize = 6;
@@ -98,6 +101,7 @@ pub struct Slip<T: Scalar> {
     ground: Ground<T>,
     tires: Vec<Tire<T>>,
     patches: Vec<Patch<T>>,
+    footing: Option<Footing<T>>,
     axles: Vec<Axle<T>>,
     support: Option<Support<T>>,
     /// Loads without lifted wheels: Nᵢ = aᵢ + bᵢ · F.
@@ -124,6 +128,21 @@ pub(super) struct Contacts<T> {
     grip: [Vec2<T>; MAX_WHEELS],
     /// Normal load, N.
     load: [T; MAX_WHEELS],
+    /// What its own force leaves of the load of each.
+    eased: [T; MAX_WHEELS],
+}
+
+/// The axes in which a contact slips and draws.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Axes<T> {
+    /// Slip velocity is these times the velocity of the contact in the plane of the chassis; the force
+    /// that the chassis feels is their sum times the contact's: on even ground directions, base frame.
+    along: Vec2<T>,
+    across: Vec2<T>,
+    /// Lever arm of the first, m.
+    lever: T,
+    /// By how much of itself each force per load relieves the contact; zero on even ground.
+    ease: Vec2<T>,
 }
 
 impl<T: Scalar> Slip<T> {
@@ -220,6 +239,7 @@ impl<T: Scalar> Slip<T> {
             ground,
             tires,
             patches: Vec::new(),
+            footing: None,
             axles,
             support,
             loads,
@@ -285,10 +305,16 @@ impl<T: Scalar> Slip<T> {
         self.layout().state() + self.layout().wheels + 2 * i
     }
 
+    /// Index of height, roll and pitch in the state, on uneven ground.
+    #[inline(always)]
+    pub fn attitude(&self) -> usize {
+        self.deflection(self.layout().wheels)
+    }
+
     /// Length of the state.
     #[inline(always)]
     pub fn state(&self) -> usize {
-        self.deflection(self.layout().wheels)
+        self.attitude() + if self.footing.is_some() { 3 } else { 0 }
     }
 
     /// Index of an output of the contact of wheel i.
@@ -311,6 +337,12 @@ impl<T: Scalar> Slip<T> {
             let frame = self.platform.wheel_frame(i, &state);
             state[self.rate(i)] = self.platform.spin_rate(i, &frame, velocity, yaw_rate);
         }
+        if let Some(footing) = &self.footing {
+            let at = self.attitude();
+            let guess = footing.guess(&self.platform, &state);
+            state[at..].copy_from_slice(&guess);
+            self.stand(&mut state);
+        }
         state
     }
 
@@ -320,17 +352,21 @@ impl<T: Scalar> Slip<T> {
         matches!(self.platform.wheels()[i].steering, Steering::Free { .. })
     }
 
-    /// Directions of the contact's axes, base frame, and the lever arm of the first, m: a rim with
-    /// rollers has no second.
+    /// The axes of a contact: a rim with rollers has no second.
     #[inline(always)]
-    fn axes(&self, i: usize, frame: &WheelFrame<T>) -> ([Vec2<T>; 2], T) {
+    fn axes(&self, i: usize, frame: &WheelFrame<T>, lie: Option<&Lie<T>>) -> Axes<T> {
         let row = self.platform.rolling_row(i, frame);
-        let across = if self.platform.wheels()[i].is_plain() {
-            frame.left
-        } else {
-            Vec2::zero()
+        let plain = self.platform.wheels()[i].is_plain();
+        let flat = Axes {
+            along: row.direction,
+            across: if plain { frame.left } else { Vec2::zero() },
+            lever: row.lever,
+            ease: Vec2::zero(),
         };
-        ([row.direction, across], row.lever)
+        match lie {
+            None => flat,
+            Some(lie) => flat.tilted(lie.slope(i), plain),
+        }
     }
 
     /// Rate of a follower's swivel, rad/s.
@@ -347,16 +383,23 @@ impl<T: Scalar> Slip<T> {
 
     /// Normal loads, N, for forces per load, base axes.
     #[inline(always)]
-    fn carry(&self, x: &[T], pull: &[Vec2<T>; MAX_WHEELS]) -> [T; MAX_WHEELS] {
+    fn carry(
+        &self,
+        x: &[T],
+        pull: &[Vec2<T>; MAX_WHEELS],
+        lie: Option<&Lie<T>>,
+    ) -> [T; MAX_WHEELS] {
         let wheels = self.layout().wheels;
-        let gravity = self.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
-        let mut lifted = [T::Mask::splat(false); MAX_WHEELS];
-        let (mut still, mut shift) = (&self.loads.0, &self.loads.1);
+        let (mut lifted, at_rest) = match lie {
+            None => ([T::Mask::splat(false); MAX_WHEELS], &self.loads),
+            Some(lie) => (lie.stance.lifted, &lie.loads),
+        };
+        let (mut still, mut shift) = (&at_rest.0, &at_rest.1);
         let mut changed;
         let mut tries = 0;
         loop {
             // F = Σ Nᵢ κᵢ with Nᵢ = aᵢ + bᵢ · F: two equations for F.
-            let mut force = gravity * -self.mass;
+            let mut force = self.held(x, lie);
             if self.mode == Loads::Dynamic {
                 let (mut free, mut one) =
                     (Vec2::zero(), [[T::one(), T::zero()], [T::zero(), T::one()]]);
@@ -402,8 +445,20 @@ impl<T: Scalar> Slip<T> {
                 _ => return loads,
             };
             let center = self.first * (T::one() / self.mass);
-            changed = support.affine(self.weight, center, self.height, &lifted);
+            changed = match lie {
+                None => support.affine(self.weight, center, self.height, &lifted),
+                Some(lie) => lie.without(self, support, &lifted),
+            };
             (still, shift) = (&changed.0, &changed.1);
+        }
+    }
+
+    /// The force of all contacts that keeps the robot at rest, N, base axes.
+    #[inline(always)]
+    fn held(&self, x: &[T], lie: Option<&Lie<T>>) -> Vec2<T> {
+        match lie {
+            None => self.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]) * -self.mass,
+            Some(lie) => vec2(-lie.stance.push[0], -lie.stance.push[1]),
         }
     }
 
@@ -435,7 +490,7 @@ impl<T: Scalar> Slip<T> {
 
     /// The contacts at an instant.
     #[inline(always)]
-    fn contacts(&self, x: &[T]) -> Contacts<T> {
+    fn contacts(&self, x: &[T], lie: Option<&Lie<T>>) -> Contacts<T> {
         let layout = self.layout();
         let at = layout.velocity();
         let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
@@ -443,6 +498,7 @@ impl<T: Scalar> Slip<T> {
             slip: [Vec2::zero(); MAX_WHEELS],
             grip: [Vec2::zero(); MAX_WHEELS],
             load: [T::zero(); MAX_WHEELS],
+            eased: [T::one(); MAX_WHEELS],
         };
         let mut pull = [Vec2::zero(); MAX_WHEELS];
         for i in 0..layout.wheels {
@@ -450,19 +506,25 @@ impl<T: Scalar> Slip<T> {
                 continue;
             }
             let frame = self.platform.wheel_frame(i, x);
-            let ([along, across], lever) = self.axes(i, &frame);
+            let axes = self.axes(i, &frame, lie);
             let carried = velocity + frame.contact.perpendicular() * yaw_rate;
             let rate = x[self.rate(i)];
-            let slip = vec2(along.dot(carried) - lever * rate, across.dot(carried));
+            let slip = axes.slip(carried, rate);
             let z = self.deflection(i);
-            let rolling = (lever * rate).abs();
+            let rolling = (axes.lever * rate).abs();
             let tire = self.tire(i, x, frame.contact);
             let grip = tire.force(slip, vec2(x[z], x[z + 1]), rolling);
             contacts.slip[i] = slip;
             contacts.grip[i] = grip;
-            pull[i] = along * grip.x + across * grip.y;
+            contacts.eased[i] = axes.eased(grip);
+            pull[i] = axes.felt(grip) * contacts.eased[i];
         }
-        contacts.load = self.carry(x, &pull);
+        contacts.load = self.carry(x, &pull, lie);
+        if lie.is_some() {
+            for i in 0..layout.wheels {
+                contacts.load[i] *= contacts.eased[i];
+            }
+        }
         contacts
     }
 
@@ -481,10 +543,10 @@ impl<T: Scalar> Slip<T> {
     /// Generalised force on the velocity coordinates without the contacts': quadratic terms, gravity,
     /// external wrench, steering motors.
     #[inline(always)]
-    fn free_force(&self, cos: T, sin: T, u: &[T], v: &[T]) -> Row<T> {
+    fn free_force(&self, x: &[T], u: &[T], v: &[T], lie: Option<&Lie<T>>) -> Row<T> {
         let layout = self.layout();
         let (velocity, yaw_rate) = (vec2(v[0], v[1]), v[2]);
-        let gravity = self.ground.gravity.rotated(cos, -sin);
+        let gravity = self.ground.gravity.rotated(x[YAW + 1], -x[YAW + 2]);
         let at = layout.wrench_input();
         let mut force = zero_row();
         // m (g − ω Ω V) + ω² m c, and its moment about P.
@@ -496,6 +558,9 @@ impl<T: Scalar> Slip<T> {
         for k in 0..layout.steered.len() {
             let pivot = self.platform.wheels()[layout.steered[k]].pivot_viscous;
             force[3 + k] = u[layout.steering_input() + k] - pivot * v[3 + k];
+        }
+        if let Some(lie) = lie {
+            lie.push(self, x, &mut force);
         }
         force
     }
@@ -517,16 +582,15 @@ impl<T: Scalar> Slip<T> {
 
     /// Rates of all that follows from the velocities: pose, angles of wheels.
     #[inline(always)]
-    fn follow(&self, x: &[T], dx: &mut [T]) {
+    fn follow(&self, x: &[T], dx: &mut [T], lie: Option<&Lie<T>>) {
         let layout = self.layout();
         let at = layout.velocity();
         let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
-        let travel = velocity.rotated(x[YAW + 1], x[YAW + 2]);
-        dx[0] = travel.x;
-        dx[1] = travel.y;
-        dx[YAW] = yaw_rate;
-        dx[YAW + 1] = -(x[YAW + 2] * yaw_rate);
-        dx[YAW + 2] = x[YAW + 1] * yaw_rate;
+        let turn = self.turning(x, lie);
+        [dx[0], dx[1]] = self.travel(x, lie);
+        dx[YAW] = turn;
+        dx[YAW + 1] = -(x[YAW + 2] * turn);
+        dx[YAW + 2] = x[YAW + 1] * turn;
         for i in 0..layout.wheels {
             dx[layout.spin(i)] = self.spin(i, x, velocity, yaw_rate);
         }
@@ -536,6 +600,33 @@ impl<T: Scalar> Slip<T> {
             dx[at] = rate;
             dx[at + 1] = -(x[at + 2] * rate);
             dx[at + 2] = x[at + 1] * rate;
+        }
+    }
+
+    /// Rates of x and y on the map, m/s.
+    #[inline(always)]
+    fn travel(&self, x: &[T], lie: Option<&Lie<T>>) -> [T; 2] {
+        let at = self.layout().velocity();
+        let velocity = vec2(x[at], x[at + 1]);
+        match lie {
+            None => {
+                let travel = velocity.rotated(x[YAW + 1], x[YAW + 2]);
+                [travel.x, travel.y]
+            }
+            Some(lie) => {
+                let [x, y, _] = lie.stance.pose_rates(velocity, x[at + 2]);
+                [x, y]
+            }
+        }
+    }
+
+    /// Rate of yaw on the map, rad/s.
+    #[inline(always)]
+    fn turning(&self, x: &[T], lie: Option<&Lie<T>>) -> T {
+        let at = self.layout().velocity();
+        match lie {
+            None => x[at + 2],
+            Some(lie) => lie.stance.pose_rates(vec2(x[at], x[at + 1]), x[at + 2])[2],
         }
     }
 
@@ -555,7 +646,7 @@ impl<T: Scalar> Slip<T> {
     fn pushed(&self, i: usize, x: &[T], u: &[T], contacts: &Contacts<T>) -> T {
         let free = self.act(i, x, u, &[T::zero(); MAX_WHEELS]);
         let frame = self.platform.wheel_frame(i, x);
-        let (_, lever) = self.axes(i, &frame);
+        let lever = self.platform.rolling_row(i, &frame).lever;
         free.torque - lever * contacts.grip[i].x * contacts.load[i]
     }
 }
@@ -582,8 +673,10 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         let n = layout.dof();
         let at = layout.velocity();
         let v = &x[at..at + n];
-        let contacts = self.contacts(x);
-        let mut force = self.free_force(x[YAW + 1], x[YAW + 2], u, v);
+        let lie = self.lie(x);
+        let lie = lie.as_ref();
+        let contacts = self.contacts(x, lie);
+        let mut force = self.free_force(x, u, v, lie);
         let (mut supplied, mut friction) = self.outer_power(u, v);
         let (mut windings, mut gears) = (T::zero(), T::zero());
         for i in 0..layout.wheels {
@@ -594,9 +687,10 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
                 continue;
             }
             let frame = self.platform.wheel_frame(i, x);
-            let ([along, across], lever) = self.axes(i, &frame);
+            let axes = self.axes(i, &frame, lie);
+            let lever = axes.lever;
             let draw = contacts.grip[i] * contacts.load[i];
-            let pull = along * draw.x + across * draw.y;
+            let pull = axes.felt(draw);
             force[0] += pull.x;
             force[1] += pull.y;
             force[2] += frame.contact.cross(pull);
@@ -618,9 +712,10 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         }
         let v_rate = product(n, &self.inverse, &force);
         dx[at..at + n].copy_from_slice(&v_rate[..n]);
-        self.follow(x, dx);
+        self.follow(x, dx, lie);
         let ledger = layout.ledger();
         dx[ledger..ledger + 4].copy_from_slice(&[supplied, windings, gears, friction]);
+        dx[self.attitude()..].fill(T::zero());
     }
 
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
@@ -629,7 +724,9 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         let at = layout.velocity();
         let v = &x[at..at + n];
         let (velocity, yaw_rate) = (vec2(v[0], v[1]), v[2]);
-        let contacts = self.contacts(x);
+        let lie = self.lie(x);
+        let lie = lie.as_ref();
+        let contacts = self.contacts(x, lie);
         let half = T::from(0.5);
         let mut kinetic = crate::solve::dot(n, &product(n, &self.inertia, v), v);
         let mut magnetic = T::zero();
@@ -637,10 +734,11 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         for i in 0..layout.wheels {
             let wheel = &self.platform.wheels()[i];
             let frame = self.platform.wheel_frame(i, x);
-            let ([along, across], lever) = self.axes(i, &frame);
+            let axes = self.axes(i, &frame, lie);
+            let lever = axes.lever;
             let spin = self.spin(i, x, velocity, yaw_rate);
             let draw = contacts.grip[i] * contacts.load[i];
-            force = force + along * draw.x + across * draw.y;
+            force = force + axes.felt(draw);
             let mut action = Action::none();
             if !self.follows(i) {
                 kinetic = (self.spin_inertia[i] * spin).mul_add(spin, kinetic);
@@ -684,6 +782,11 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         let center = vec2(x[0], x[1]) * self.mass + self.first.rotated(x[YAW + 1], x[YAW + 2]);
         y[4] = -self.ground.gravity.dot(center);
         y[5] = magnetic;
+        if let (Some(lie), Some(footing)) = (lie, &self.footing) {
+            y[4] = lie.stance.potential;
+            y[BODY_OUTPUTS - 1] = footing.margin(&lie.stance, force);
+            return;
+        }
         y[BODY_OUTPUTS - 1] = match &self.support {
             Some(support) => {
                 let center = self.first * (T::one() / self.mass);
@@ -700,7 +803,8 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
     /// What rests and is pushed harder than its friction holds turns; a wheel takes the sense in which
     /// it turns.
     fn decide(&self, x: &[T], u: &[T], mode: &mut [T]) {
-        let contacts = self.contacts(x);
+        let lie = self.lie(x);
+        let contacts = self.contacts(x, lie.as_ref());
         let brake = u[self.layout().brake_input()];
         for i in 0..self.layout().wheels {
             if !self.axles[i].rubs || self.follows(i) {
@@ -718,6 +822,7 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
 
     fn settle(&self, x: &mut [T], u: &[T], mode: &mut [T]) {
         self.platform.renew_angles(x);
+        self.stand(x);
         let brake = u[self.layout().brake_input()];
         for i in 0..self.layout().wheels {
             if !self.axles[i].rubs || self.follows(i) {
@@ -736,7 +841,8 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
     }
 
     fn guards(&self, x: &[T], u: &[T], mode: &[T], g: &mut [T]) {
-        let contacts = self.contacts(x);
+        let lie = self.lie(x);
+        let contacts = self.contacts(x, lie.as_ref());
         let brake = u[self.layout().brake_input()];
         for i in 0..self.layout().wheels {
             let bound = self.axles[i].bound(brake);
@@ -749,6 +855,6 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
     }
 
     fn is_derived(&self, index: usize) -> bool {
-        self.platform.repeats_angle(index)
+        index >= self.attitude() || self.platform.repeats_angle(index)
     }
 }

@@ -40,6 +40,8 @@ pub struct Stance<T: Scalar> {
     pub loads: [T; MAX_WHEELS],
     /// Wheels in the air.
     pub lifted: [T::Mask; MAX_WHEELS],
+    /// Slope of the ground under each wheel against the plane of the chassis, base axes.
+    pub gradients: [Vec2<T>; MAX_WHEELS],
     /// What gravity and ground do in the plane of the chassis: force, N, and moment about P, N·m.
     pub push: [T; 3],
     /// Moment of the ground on each steered wheel about the axis of its steering, N·m.
@@ -82,8 +84,8 @@ const FALLEN: f64 = 1.3;
 const TRIES: usize = 60;
 /// Change of height, m, and angles, rad, at which it ends.
 const CLOSE: f64 = 1e-12;
-/// The same at which it is asked which wheels lift.
-const SETTLED: f64 = 1e-7;
+/// Share of its stiffness that a wheel in the air keeps in the search.
+const TRACE: f64 = 1e-6;
 
 impl<T: Scalar> Footing<T> {
     /// Joins a platform and a terrain under a gravity, m/s².
@@ -181,16 +183,14 @@ impl<T: Scalar> Footing<T> {
 
     /// How a platform stands at a state, found from an attitude near by.
     pub fn stand(&self, platform: &Platform<T>, x: &[T], near: Attitude<T>) -> Stance<T> {
-        let count = platform.wheels().len();
         let mut attitude = near;
-        let mut lifted = [false; MAX_WHEELS];
         let mut found = false;
         let mut before = f64::MAX;
-        let mut look = self.look(platform, x, attitude, &lifted);
-        if look.stance.standing != Standing::Stands {
-            return look.stance;
-        }
-        for attempt in 0..TRIES {
+        let mut look = self.look(platform, x, attitude);
+        for _ in 0..TRIES {
+            if look.stance.standing != Standing::Stands {
+                return look.stance;
+            }
             let change = solve3(&look.change, look.force);
             if change.iter().any(|step| !step.lane(0).is_finite()) {
                 break;
@@ -202,50 +202,26 @@ impl<T: Scalar> Footing<T> {
                 attitude[k] += step;
                 largest = largest.max(step.abs().lane(0));
             }
-            // Once these wheels are at rest, the one that pulls hardest is lifted, or else the one that
-            // is deepest in the ground is put down.
-            if largest <= SETTLED && attempt > 0 {
-                let load = |i: &usize| look.borne[*i];
-                let pulling = (0..count).filter(|&i| !lifted[i] && load(&i) < 0.0);
-                let sunk = (0..count).filter(|&i| lifted[i] && load(&i) > 0.0);
-                let pulling = pulling.min_by(|a, b| load(a).total_cmp(&load(b)));
-                let turns = pulling.or(sunk.max_by(|a, b| load(a).total_cmp(&load(b))));
-                if let Some(i) = turns {
-                    lifted[i] = !lifted[i];
-                    before = f64::MAX;
-                    look = self.look(platform, x, attitude, &lifted);
-                    continue;
-                }
-                // As close as rounding lets it come, for stiff wheels make much of little.
-                found = largest <= CLOSE;
-                if found && 2.0 * largest > before {
-                    break;
-                }
+            // As close as rounding lets it come, for stiff wheels make much of little.
+            found = largest <= CLOSE;
+            if found && 2.0 * largest > before {
+                break;
             }
             before = largest;
-            look = self.look(platform, x, attitude, &lifted);
+            look = self.look(platform, x, attitude);
         }
-        let bearing = lifted[..count].iter().filter(|&&lifted| !lifted).count();
         let tilt = attitude[1].abs().max(attitude[2].abs());
         let upright = tilt.less_equal(T::from(FALLEN)).all();
         look.stance.attitude = attitude;
-        // On two wheels it balances, for no time.
-        let stands = found && upright && bearing >= 3;
-        if !stands && look.stance.standing == Standing::Stands {
+        if !(found && upright) && look.stance.standing == Standing::Stands {
             look.stance.standing = Standing::Falls;
         }
         look.stance
     }
 
-    /// What acts at an attitude, and how that changes with it; with these wheels in the air. The others
-    /// bear what they do, or pull.
-    fn look(
-        &self,
-        platform: &Platform<T>,
-        x: &[T],
-        attitude: Attitude<T>,
-        lifted: &[bool; MAX_WHEELS],
-    ) -> Look<T> {
+    /// What acts at an attitude, and how that changes with it, with those wheels in the air that a rest
+    /// near by would have there.
+    fn look(&self, platform: &Platform<T>, x: &[T], attitude: Attitude<T>) -> Look<T> {
         let (cos_yaw, sin_yaw) = (x[YAW + 1], x[YAW + 2]);
         let (sin_roll, cos_roll) = attitude[1].sin_cos();
         let (sin_pitch, cos_pitch) = attitude[2].sin_cos();
@@ -279,11 +255,11 @@ impl<T: Scalar> Footing<T> {
         let mut heave = [[T::zero(); 3]; 3];
         let mut drawn = [[T::zero(); 3]; 3];
         let aside = [-sin_yaw, cos_yaw, T::zero()];
-        let mut borne = [0.0; MAX_WHEELS];
         let mut stance = Stance {
             attitude,
             loads: [T::zero(); MAX_WHEELS],
             lifted: [T::Mask::splat(true); MAX_WHEELS],
+            gradients: [Vec2::zero(); MAX_WHEELS],
             twists: [T::zero(); MAX_WHEELS],
             push,
             gravity_normal: self.gravity * normal[2],
@@ -291,6 +267,8 @@ impl<T: Scalar> Footing<T> {
             potential: weight * (attitude[0] + center[2]),
             standing: Standing::Stands,
         };
+        let axes = [forward, left, normal];
+        let mut contacts = [Contact::none(); MAX_WHEELS];
         for (i, wheel) in platform.wheels().iter().enumerate() {
             let frame = platform.wheel_frame(i, x);
             let hub = place([wheel.mount.x, wheel.mount.y, wheel.radius]);
@@ -328,27 +306,43 @@ impl<T: Scalar> Footing<T> {
                 attitude[0] + arm[2] - T::from((attitude[0] + arm[2]).lane(0)),
             ];
             let depth = T::from(touch.depth) - dot3(moved, pushed);
-            let load = self.stiffness[i].mul_add(depth, self.level[i]);
-            borne[i] = load.lane(0);
+            let moment = cross(arm, pushed);
+            let [within_x, within_y, out] = axes.map(|axis| dot3(axis, pushed));
+            contacts[i] = Contact {
+                load: self.stiffness[i].mul_add(depth, self.level[i]),
+                out: [out, dot3(forward, moment), dot3(left, moment)],
+                within: [within_x, within_y, dot3(normal, moment)],
+                turned: [T::one(), dot3(forward, moment), dot3(aside, moment)],
+                // About the axis of its steering, which it touches the ground ahead of.
+                twist: s * dot3(cross(normal, ahead), pushed),
+                length: gradient.dot(gradient).mul_add(T::one(), T::one()).sqrt(),
+            };
+        }
+        let count = platform.wheels().len();
+        let Some(lifted) = self.lift(&contacts[..count], force.map(|f| f.lane(0))) else {
+            stance.standing = Standing::Falls;
+            return Look {
+                stance,
+                force,
+                change,
+            };
+        };
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let contact = &contacts[i];
             // A wheel in the air keeps a trace of stiffness: two wheels alone would have none to roll by.
             let (load, stiffness) = if lifted[i] {
-                (T::zero(), self.stiffness[i] * T::from(1e-6))
+                (T::zero(), self.stiffness[i] * T::from(TRACE))
             } else {
-                (load, self.stiffness[i])
+                (contact.load, self.stiffness[i])
             };
+            let Contact {
+                out,
+                within,
+                turned,
+                ..
+            } = contact;
             stance.lifted[i] = T::Mask::splat(lifted[i]);
-            let moment = cross(arm, pushed);
-            let out = [
-                dot3(normal, pushed),
-                dot3(forward, moment),
-                dot3(left, moment),
-            ];
-            let within = [
-                dot3(forward, pushed),
-                dot3(left, pushed),
-                dot3(normal, moment),
-            ];
-            let turned = [T::one(), out[1], dot3(aside, moment)];
+            stance.gradients[i] = vec2(within[0], within[1]) * (-T::one() / out[0]);
             for a in 0..3 {
                 force[a] = load.mul_add(out[a], force[a]);
                 stance.push[a] = load.mul_add(within[a], stance.push[a]);
@@ -359,11 +353,11 @@ impl<T: Scalar> Footing<T> {
                     drawn[a][b] = stiff.mul_add(within[b], drawn[a][b]);
                 }
             }
-            // About the axis of its steering, which it touches the ground ahead of.
-            let twist = load * s * dot3(cross(normal, ahead), pushed);
+            let twist = load * contact.twist;
             match wheel.steering {
                 // A caster that the ground turns takes the base with it.
                 Steering::Free { .. } => {
+                    let frame = platform.wheel_frame(i, x);
                     for (k, unit) in [vec2(T::one(), T::zero()), vec2(T::zero(), T::one())]
                         .into_iter()
                         .enumerate()
@@ -376,7 +370,7 @@ impl<T: Scalar> Footing<T> {
                 }
                 _ => stance.twists[i] = twist,
             }
-            stance.loads[i] = load * gradient.dot(gradient).mul_add(T::one(), T::one()).sqrt();
+            stance.loads[i] = load * contact.length;
             let elastic = T::from(0.5) * load * load / self.stiffness[i];
             stance.potential += elastic;
         }
@@ -393,9 +387,127 @@ impl<T: Scalar> Footing<T> {
         }
         Look {
             stance,
-            borne,
             force,
             change,
+        }
+    }
+
+    /// Which wheels lift where their contacts, as they are at an attitude, and a weight with its moments
+    /// about the forward and left axes come to rest; `None` where they do not.
+    ///
+    /// Wheels push and do not pull, so the energy over small heave, roll and pitch of the chassis is
+    /// convex, of second degree in pieces: each step of Newton's method goes as far along its direction as the
+    /// energy falls, and the steps end in the piece that holds the least.
+    fn lift(&self, contacts: &[Contact<T>], weight: [f64; 3]) -> Option<[bool; MAX_WHEELS]> {
+        let count = contacts.len();
+        let mut rows = [[0.0; 3]; MAX_WHEELS];
+        let (mut loads, mut stiffness) = ([0.0; MAX_WHEELS], [0.0; MAX_WHEELS]);
+        for (i, contact) in contacts.iter().enumerate() {
+            rows[i] = contact.out.map(|entry| entry.lane(0));
+            loads[i] = contact.load.lane(0);
+            stiffness[i] = self.stiffness[i].lane(0);
+        }
+        let mut lifted = [false; MAX_WHEELS];
+        for i in 0..count {
+            lifted[i] = loads[i] < 0.0;
+        }
+        for _ in 0..TRIES {
+            let mut force = weight;
+            let mut stiff = [[0.0; 3]; 3];
+            for i in 0..count {
+                let kept = if lifted[i] { TRACE } else { 1.0 };
+                for a in 0..3 {
+                    force[a] += if lifted[i] {
+                        0.0
+                    } else {
+                        loads[i] * rows[i][a]
+                    };
+                    for b in 0..3 {
+                        stiff[a][b] += kept * stiffness[i] * rows[i][a] * rows[i][b];
+                    }
+                }
+            }
+            let change = solve3(&stiff, force);
+            // What each load falls by over the whole step; the slope of the energy along it.
+            let mut falls = [0.0; MAX_WHEELS];
+            let (mut slope, mut growth) = (-dot3(weight, change), 0.0);
+            let mut bends = [(f64::INFINITY, 0); MAX_WHEELS];
+            for i in 0..count {
+                falls[i] = stiffness[i] * dot3(rows[i], change);
+                let along = falls[i] / stiffness[i];
+                if !lifted[i] {
+                    slope -= loads[i] * along;
+                    growth += falls[i] * along;
+                }
+                // Where it leaves the ground, or comes to it.
+                if (lifted[i] && falls[i] < 0.0) || (!lifted[i] && falls[i] > 0.0) {
+                    bends[i] = ((loads[i] / falls[i]).max(0.0), i);
+                }
+            }
+            let bends = &mut bends[..count];
+            bends.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (mut whole, mut way) = (lifted, 0.0);
+            let mut is_last = true;
+            for &(bend, i) in bends.iter() {
+                let end = way - slope / growth;
+                if slope >= 0.0 || (growth > 0.0 && end <= bend) {
+                    break;
+                }
+                if !bend.is_finite() {
+                    // It falls for ever.
+                    return None;
+                }
+                slope += growth * (bend - way);
+                way = bend;
+                let own = falls[i] * falls[i] / stiffness[i];
+                growth += if whole[i] { own } else { -own };
+                whole[i] = !whole[i];
+                is_last = false;
+            }
+            if is_last {
+                let bearing = lifted[..count].iter().filter(|&&lifted| !lifted).count();
+                // On two wheels it balances, for no time.
+                return (bearing >= 3).then_some(lifted);
+            }
+            if slope < 0.0 {
+                way -= slope / growth;
+            }
+            for i in 0..count {
+                loads[i] -= way * falls[i];
+                lifted[i] = whole[i];
+            }
+        }
+        None
+    }
+}
+
+/// A wheel on the ground, at an attitude.
+#[derive(Clone, Copy)]
+struct Contact<T> {
+    /// What it bears, N; below zero it would pull.
+    load: T,
+    /// What a unit of it does along the normal of the chassis, and about its forward and left axes.
+    out: [T; 3],
+    /// What it does in the plane of the chassis: forward, to the left, and about its normal.
+    within: [T; 3],
+    /// How much deeper it is for less height, roll and pitch.
+    turned: [T; 3],
+    /// Its moment about the axis of the wheel's steering.
+    twist: T,
+    /// Its size.
+    length: T,
+}
+
+impl<T: Scalar> Contact<T> {
+    fn none() -> Self {
+        let none = [T::zero(); 3];
+        Contact {
+            load: T::zero(),
+            out: none,
+            within: none,
+            turned: none,
+            twist: T::zero(),
+            length: T::one(),
         }
     }
 }
@@ -430,8 +542,6 @@ impl<T: Scalar> Stance<T> {
 /// What is known at an attitude.
 struct Look<T: Scalar> {
     stance: Stance<T>,
-    /// What each wheel would bear on the ground, nominal, N; below zero it would pull.
-    borne: [f64; MAX_WHEELS],
     /// Force along the normal of the chassis, and moments about its forward and left axes.
     force: [T; 3],
     /// How much these fall with height, roll and pitch.

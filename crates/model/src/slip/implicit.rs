@@ -1,6 +1,6 @@
 //! An implicit method for slipping wheels: stiff contacts set no limit to its step.
 
-use super::{Slip, is_zero};
+use super::{Axes, Lie, Slip, is_zero};
 use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, YAW};
 use crate::scalar::{Mask, Scalar};
@@ -43,6 +43,7 @@ struct Touch<T> {
     rows: [[T; 3]; 2],
     lever: T,
     slip: Vec2<T>,
+    /// Force over the load at rest, and its slope over slip.
     grip: Vec2<T>,
     slope: [[T; 2]; 2],
     pull: Vec2<T>,
@@ -139,25 +140,27 @@ impl<T: Scalar> Slip<T> {
         let (n, at, wheels) = (layout.dof(), layout.velocity(), layout.wheels);
         let per_step = T::one() / step;
         let brake = u[layout.brake_input()];
+        let lie = self.lie_ahead(step, from, x);
+        let lie = lie.as_ref();
         let mut found = false;
         let mut loads = [T::zero(); MAX_WHEELS];
         for attempt in 0..TRIES {
-            self.turn(step, from, x);
+            self.turn(step, from, x, lie);
             let mut touches = [None; MAX_WHEELS];
             let mut pulls = [Vec2::zero(); MAX_WHEELS];
             for i in 0..wheels {
                 if !self.follows(i) {
-                    let touch = self.touch(i, step, from, x);
+                    let touch = self.touch(i, step, from, x, lie);
                     pulls[i] = touch.pull;
                     touches[i] = Some(touch);
                 }
             }
             if attempt < FIRM {
-                loads = self.carry(x, &pulls);
+                loads = self.carry(x, &pulls, lie);
             }
             let mut v = zero_row();
             v[..n].copy_from_slice(&x[at..at + n]);
-            let mut right = self.free_force(x[YAW + 1], x[YAW + 2], u, &v);
+            let mut right = self.free_force(x, u, &v, lie);
             let mut matrix: Square<T> = [zero_row(); MAX_DOF];
             for a in 0..n {
                 for b in 0..n {
@@ -248,16 +251,16 @@ impl<T: Scalar> Slip<T> {
                 break;
             }
         }
-        self.finish(u, step, from, x, &loads);
+        self.finish(u, step, from, x, &loads, lie);
         found
     }
 
     /// Angles that the contacts depend on, at the end of a step, from the velocities in x.
     #[inline(always)]
-    fn turn(&self, step: T, from: &[T], x: &mut [T]) {
+    fn turn(&self, step: T, from: &[T], x: &mut [T], lie: Option<&Lie<T>>) {
         let layout = self.layout();
         let at = layout.velocity();
-        x[YAW] = step.mul_add(x[at + 2], from[YAW]);
+        x[YAW] = step.mul_add(self.turning(x, lie), from[YAW]);
         for k in 0..layout.swivels.len() {
             if !self.follows(layout.swivels[k]) {
                 let rate = self.swivel_rate(
@@ -275,10 +278,16 @@ impl<T: Scalar> Slip<T> {
     }
 
     #[inline(always)]
-    fn touch(&self, i: usize, step: T, from: &[T], x: &[T]) -> Touch<T> {
+    fn touch(&self, i: usize, step: T, from: &[T], x: &[T], lie: Option<&Lie<T>>) -> Touch<T> {
         let at = self.layout().velocity();
         let frame = self.platform.wheel_frame(i, x);
-        let ([along, across], lever) = self.axes(i, &frame);
+        let axes = self.axes(i, &frame, lie);
+        let Axes {
+            along,
+            across,
+            lever,
+            ..
+        } = axes;
         let row = |d: Vec2<T>| [d.x, d.y, frame.contact.cross(d)];
         let rows = [row(along), row(across)];
         let carried =
@@ -289,23 +298,35 @@ impl<T: Scalar> Slip<T> {
         let rolling = (lever * rate).abs();
         let tire = self.tire(i, x, frame.contact);
         let answer = tire.respond(slip, vec2(from[z], from[z + 1]), rolling, step);
+        let (grip, slope) = match lie {
+            None => (answer.force, answer.slope),
+            Some(_) => axes.eased_slope(answer.force, &answer.slope),
+        };
         Touch {
             rows,
             lever,
             slip,
-            grip: answer.force,
-            slope: answer.slope,
-            pull: along * answer.force.x + across * answer.force.y,
+            grip,
+            slope,
+            pull: axes.felt(grip),
             end: answer.deflection,
         }
     }
 
     /// All that follows from the velocities at the end of a step.
     #[inline(always)]
-    fn finish(&self, u: &[T], step: T, from: &[T], x: &mut [T], loads: &[T; MAX_WHEELS]) {
+    fn finish(
+        &self,
+        u: &[T],
+        step: T,
+        from: &[T],
+        x: &mut [T],
+        loads: &[T; MAX_WHEELS],
+        lie: Option<&Lie<T>>,
+    ) {
         let layout = self.layout();
         let at = layout.velocity();
-        self.turn(step, from, x);
+        self.turn(step, from, x, lie);
         let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
         // A caster has no part in the motion; its angle is found by repetition, each time some
         // hundredfold closer.
@@ -320,15 +341,15 @@ impl<T: Scalar> Slip<T> {
                 }
             }
         }
-        let travel = velocity.rotated(x[YAW + 1], x[YAW + 2]);
-        x[0] = step.mul_add(travel.x, from[0]);
-        x[1] = step.mul_add(travel.y, from[1]);
+        let travel = self.travel(x, lie);
+        x[0] = step.mul_add(travel[0], from[0]);
+        x[1] = step.mul_add(travel[1], from[1]);
         let mut touches = [None; MAX_WHEELS];
         for i in 0..layout.wheels {
             let spin = layout.spin(i);
             x[spin] = step.mul_add(self.spin(i, x, velocity, yaw_rate), from[spin]);
             if !self.follows(i) {
-                touches[i] = Some(self.touch(i, step, from, x));
+                touches[i] = Some(self.touch(i, step, from, x, lie));
             }
         }
         let brake = u[layout.brake_input()];

@@ -13,5 +13,6 @@ mod random_platforms;
 mod single_track;
 mod slip;
 mod terrain;
+mod terrain_slip;
 mod trailer;
 mod wheel_legged;

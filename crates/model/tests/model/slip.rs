@@ -14,7 +14,7 @@ use appell_model::wheel::{Rim, Steering, Wheel};
 
 use crate::common::motor;
 
-const TORQUE: Drive<f64> = Drive::Torque { torque_max: 1e3 };
+pub const TORQUE: Drive<f64> = Drive::Torque { torque_max: 1e3 };
 
 fn wheel(name: &str, mount: [f64; 2], drive: Drive<f64>) -> Wheel<f64> {
     Wheel {
@@ -36,14 +36,14 @@ fn wheel(name: &str, mount: [f64; 2], drive: Drive<f64>) -> Wheel<f64> {
     }
 }
 
-fn four(drive: Drive<f64>) -> Vec<Wheel<f64>> {
+pub fn four(drive: Drive<f64>) -> Vec<Wheel<f64>> {
     [(0.2, 0.25), (0.2, -0.25), (-0.2, 0.25), (-0.2, -0.25)]
         .iter()
         .map(|(x, y)| wheel(&format!("{x} {y}"), [*x, *y], drive))
         .collect()
 }
 
-fn platform(wheels: Vec<Wheel<f64>>) -> Platform<f64> {
+pub fn platform(wheels: Vec<Wheel<f64>>) -> Platform<f64> {
     let body = Body {
         mass: 28.0,
         inertia_com: 1.4,
@@ -53,7 +53,7 @@ fn platform(wheels: Vec<Wheel<f64>>) -> Platform<f64> {
     Platform::new(body, wheels).expect("a platform")
 }
 
-fn brush(friction: f64, stiffness: f64) -> Tire<f64> {
+pub fn brush(friction: f64, stiffness: f64) -> Tire<f64> {
     Tire::Slip {
         curve: Curve::Brush {
             friction,
@@ -80,7 +80,7 @@ fn coulomb(friction: f64, rounding: f64) -> Tire<f64> {
     }
 }
 
-fn laws(friction: f64) -> [Tire<f64>; 5] {
+pub fn laws(friction: f64) -> [Tire<f64>; 5] {
     let slip = |curve| Tire::Slip {
         curve,
         relaxation: 0.02,
@@ -103,12 +103,12 @@ fn laws(friction: f64) -> [Tire<f64>; 5] {
     ]
 }
 
-fn robot(wheels: Vec<Wheel<f64>>, tire: Tire<f64>, ground: Ground<f64>) -> Slip<f64> {
+pub fn robot(wheels: Vec<Wheel<f64>>, tire: Tire<f64>, ground: Ground<f64>) -> Slip<f64> {
     let tires = vec![tire; wheels.len()];
     Slip::new(platform(wheels), tires, ground, Loads::Dynamic).expect("a robot")
 }
 
-fn at_rest(system: &Slip<f64>) -> Vec<f64> {
+pub fn at_rest(system: &Slip<f64>) -> Vec<f64> {
     let mut x = vec![0.0; system.layout().state()];
     system.platform().renew_angles(&mut x);
     system.rolling_state(&x, Vec2::zero(), 0.0)

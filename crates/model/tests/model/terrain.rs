@@ -33,7 +33,7 @@ fn sqrt(value: f64) -> f64 {
     Scalar::sqrt(value)
 }
 
-const GRAVITY: f64 = 9.81;
+pub const GRAVITY: f64 = 9.81;
 const TORQUE: Drive<f64> = Drive::Torque { torque_max: 1e3 };
 
 fn wheel(name: &str, mount: [f64; 2], steering: Steering<f64>, drive: Drive<f64>) -> Wheel<f64> {
@@ -83,7 +83,7 @@ fn platform(drive: Drive<f64>) -> Platform<f64> {
     .expect("a platform")
 }
 
-fn waves(amplitude: f64) -> Vec<Relief> {
+pub fn waves(amplitude: f64) -> Vec<Relief> {
     let wave = |angle: f64, period: f64, phase: f64| Relief::Wave {
         at: vec2(-50.0, -50.0),
         along: heading(angle),
