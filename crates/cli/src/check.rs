@@ -7,7 +7,7 @@ use appell_sim::batch::Crew;
 use appell_sim::crowd::{Crowd, is_crowd};
 use appell_sim::design::{Design, design, equations};
 use appell_sim::run::Run;
-use appell_sim::scenario::{self, Terrain};
+use appell_sim::scenario;
 
 use crate::arguments::{CheckOptions, Form};
 use crate::{exit, terminal};
@@ -62,9 +62,7 @@ pub fn check(options: &CheckOptions) -> u8 {
                 "{}: a valid scenario with {signals} signals\n",
                 options.file.display()
             );
-            let gravity = match loaded.scenario.terrain {
-                Terrain::Flat { gravity, .. } | Terrain::Plane { gravity, .. } => gravity,
-            };
+            let gravity = loaded.scenario.terrain.gravity();
             for robot in &loaded.scenario.robot {
                 if let Some(platform) = &robot.platform {
                     out.push('\n');

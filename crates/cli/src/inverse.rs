@@ -60,13 +60,15 @@ fn answer(options: &InverseOptions) -> Result<(String, Demanded), String> {
             robot.name
         ));
     }
+    if let Terrain::Uneven { .. } = loaded.scenario.terrain {
+        return Err("terrain.kind: must be \"flat\" or \"plane\", got \"uneven\"\n  hint: a motion has its torques on even ground".into());
+    }
     let motions = match &options.of {
         Some(file) => from_file(file, options, robot)?,
         None => from_task(&loaded, robot)?,
     };
     let ground = build::ground(&loaded.scenario.terrain);
-    let (Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. }) =
-        loaded.scenario.terrain;
+    let friction = loaded.scenario.terrain.friction();
     let file = robot.platform.as_ref().ok_or("the robot has no platform")?;
     let platform = build::platform(file, build::DriveModel::AsBuilt, ground.gravity_normal)
         .map_err(|error| format!("{error:?}"))?;

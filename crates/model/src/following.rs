@@ -180,7 +180,7 @@ impl<T: Scalar, S: Planar<T>> Dynamics<T> for Following<T, S> {
             y[layout.wheel_output(i, WheelOutput::Load)] =
                 T::select(stance.lifted[i], T::zero(), load);
         }
-        y[BODY_OUTPUTS - 1] = self.footing.margin(&stance, force);
+        y[BODY_OUTPUTS - 1] = self.footing.margin(platform, &stance, force);
     }
 
     fn motion(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {

@@ -784,7 +784,7 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         y[5] = magnetic;
         if let (Some(lie), Some(footing)) = (lie, &self.footing) {
             y[4] = lie.stance.potential;
-            y[BODY_OUTPUTS - 1] = footing.margin(&lie.stance, force);
+            y[BODY_OUTPUTS - 1] = footing.margin(&self.platform, &lie.stance, force);
             return;
         }
         y[BODY_OUTPUTS - 1] = match &self.support {

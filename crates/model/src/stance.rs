@@ -82,8 +82,10 @@ pub const SAG: f64 = 0.01;
 const FALLEN: f64 = 1.3;
 /// Most iterations of Newton's method.
 const TRIES: usize = 60;
-/// Change of height, m, and angles, rad, at which it ends.
-const CLOSE: f64 = 1e-12;
+/// Change of height, m, and angles, rad, that is none.
+const CLOSE: f64 = 1e-15;
+/// The same that is none where rounding lets it come no closer, for stiff wheels make much of little.
+const ENOUGH: f64 = 1e-12;
 /// Share of its stiffness that a wheel in the air keeps in the search.
 const TRACE: f64 = 1e-6;
 
@@ -148,14 +150,19 @@ impl<T: Scalar> Footing<T> {
     }
 
     /// Tip-over margin, m, under a force of the ground in the plane of the chassis, N; zero without
-    /// weight. `[eq:tip-over]`
-    pub fn margin(&self, stance: &Stance<T>, force: Vec2<T>) -> T {
-        let center = self.center;
-        let weight = self.mass * stance.gravity_normal;
-        let bears = T::zero().less(weight);
-        let weight = T::select(bears, weight, T::one());
-        let at = vec2(center[0], center[1]);
-        let point = Support::zero_moment_point(weight, at, center[2], force);
+    /// weight. At rest the zero-moment point is the center of the loads; what accelerates the robot acts at
+    /// the height of its center of mass. `[eq:tip-over]`
+    pub fn margin(&self, platform: &Platform<T>, stance: &Stance<T>, force: Vec2<T>) -> T {
+        let (mut sum, mut moment) = (T::zero(), Vec2::zero());
+        for (wheel, &load) in platform.wheels().iter().zip(&stance.loads) {
+            sum += load;
+            moment = moment + wheel.mount * load;
+        }
+        let bears = T::zero().less(sum);
+        let sum = T::select(bears, sum, T::one());
+        let beyond = force + vec2(stance.push[0], stance.push[1]);
+        let at = moment * (T::one() / sum);
+        let point = Support::zero_moment_point(sum, at, self.center[2], beyond);
         T::select(bears, self.support.margin(point), T::zero())
     }
 
@@ -195,17 +202,15 @@ impl<T: Scalar> Footing<T> {
             if change.iter().any(|step| !step.lane(0).is_finite()) {
                 break;
             }
-            let mut largest = 0.0_f64;
+            let largest = change.map(|step| step.abs().lane(0));
+            let largest = largest.into_iter().fold(0.0, f64::max);
+            found = largest <= CLOSE || (largest <= ENOUGH && 2.0 * largest > before);
+            if found {
+                break;
+            }
             for k in 0..3 {
                 let most = T::from(if k == 0 { 1.0 } else { 0.2 });
-                let step = change[k].max(-most).min(most);
-                attitude[k] += step;
-                largest = largest.max(step.abs().lane(0));
-            }
-            // As close as rounding lets it come, for stiff wheels make much of little.
-            found = largest <= CLOSE;
-            if found && 2.0 * largest > before {
-                break;
+                attitude[k] += change[k].max(-most).min(most);
             }
             before = largest;
             look = self.look(platform, x, attitude);
@@ -268,7 +273,8 @@ impl<T: Scalar> Footing<T> {
             standing: Standing::Stands,
         };
         let axes = [forward, left, normal];
-        let mut contacts = [Contact::none(); MAX_WHEELS];
+        let mut contacts = [Contact::none(); MAX_CONTACTS];
+        let mut count = 0;
         for (i, wheel) in platform.wheels().iter().enumerate() {
             let frame = platform.wheel_frame(i, x);
             let hub = place([wheel.mount.x, wheel.mount.y, wheel.radius]);
@@ -288,38 +294,47 @@ impl<T: Scalar> Footing<T> {
                 up: normal.map(|a| a.lane(0)),
                 radius: wheel.radius.lane(0),
             };
-            let touch = self.terrain.touch(&disc);
-            if touch.is_wall && stance.standing == Standing::Stands {
-                stance.standing = Standing::Blocked(i);
+            for (rank, touch) in self
+                .terrain
+                .touches(&disc)
+                .into_iter()
+                .flatten()
+                .enumerate()
+            {
+                if touch.is_wall && stance.standing == Standing::Stands {
+                    stance.standing = Standing::Blocked(i);
+                }
+                // The point of the rim that touches, from P.
+                let s = T::from(touch.ahead);
+                let below = ((wheel.radius - s) * (wheel.radius + s)).sqrt();
+                let arm = [0, 1, 2].map(|k| s.mul_add(ahead[k], hub[k]) - below * normal[k]);
+                let gradient = vec2(T::from(touch.gradient.x), T::from(touch.gradient.y));
+                // N (−∇h, 1): what the ground does there.
+                let pushed = [-gradient.x, -gradient.y, T::one()];
+                // How deep is known for plain numbers; to first order for those with derivatives.
+                let moved = [
+                    x[0] + arm[0] - T::from((x[0] + arm[0]).lane(0)),
+                    x[1] + arm[1] - T::from((x[1] + arm[1]).lane(0)),
+                    attitude[0] + arm[2] - T::from((attitude[0] + arm[2]).lane(0)),
+                ];
+                let depth = T::from(touch.depth) - dot3(moved, pushed);
+                let moment = cross(arm, pushed);
+                let [within_x, within_y, out] = axes.map(|axis| dot3(axis, pushed));
+                contacts[count] = Contact {
+                    wheel: i,
+                    is_second: rank > 0,
+                    load: self.stiffness[i].mul_add(depth, self.level[i]),
+                    out: [out, dot3(forward, moment), dot3(left, moment)],
+                    within: [within_x, within_y, dot3(normal, moment)],
+                    turned: [T::one(), dot3(forward, moment), dot3(aside, moment)],
+                    // About the axis of its steering, which it touches the ground ahead of.
+                    twist: s * dot3(cross(normal, ahead), pushed),
+                };
+                count += 1;
             }
-            // The point of the rim that touches, from P.
-            let s = T::from(touch.ahead);
-            let below = ((wheel.radius - s) * (wheel.radius + s)).sqrt();
-            let arm = [0, 1, 2].map(|k| s.mul_add(ahead[k], hub[k]) - below * normal[k]);
-            let gradient = vec2(T::from(touch.gradient.x), T::from(touch.gradient.y));
-            // N (−∇h, 1): what the ground does there.
-            let pushed = [-gradient.x, -gradient.y, T::one()];
-            // How deep is known for plain numbers; to first order for those with derivatives.
-            let moved = [
-                x[0] + arm[0] - T::from((x[0] + arm[0]).lane(0)),
-                x[1] + arm[1] - T::from((x[1] + arm[1]).lane(0)),
-                attitude[0] + arm[2] - T::from((attitude[0] + arm[2]).lane(0)),
-            ];
-            let depth = T::from(touch.depth) - dot3(moved, pushed);
-            let moment = cross(arm, pushed);
-            let [within_x, within_y, out] = axes.map(|axis| dot3(axis, pushed));
-            contacts[i] = Contact {
-                load: self.stiffness[i].mul_add(depth, self.level[i]),
-                out: [out, dot3(forward, moment), dot3(left, moment)],
-                within: [within_x, within_y, dot3(normal, moment)],
-                turned: [T::one(), dot3(forward, moment), dot3(aside, moment)],
-                // About the axis of its steering, which it touches the ground ahead of.
-                twist: s * dot3(cross(normal, ahead), pushed),
-                length: gradient.dot(gradient).mul_add(T::one(), T::one()).sqrt(),
-            };
         }
-        let count = platform.wheels().len();
-        let Some(lifted) = self.lift(&contacts[..count], force.map(|f| f.lane(0))) else {
+        let contacts = &contacts[..count];
+        let Some(lifted) = self.lift(contacts, force.map(|f| f.lane(0))) else {
             stance.standing = Standing::Falls;
             return Look {
                 stance,
@@ -327,22 +342,29 @@ impl<T: Scalar> Footing<T> {
                 change,
             };
         };
-        for (i, wheel) in platform.wheels().iter().enumerate() {
-            let contact = &contacts[i];
-            // A wheel in the air keeps a trace of stiffness: two wheels alone would have none to roll by.
-            let (load, stiffness) = if lifted[i] {
-                (T::zero(), self.stiffness[i] * T::from(TRACE))
-            } else {
-                (contact.load, self.stiffness[i])
-            };
+        // What acts on each wheel in all, in the plane of the chassis and along its normal.
+        let mut whole = [[T::zero(); 3]; MAX_WHEELS];
+        let mut twists = [T::zero(); MAX_WHEELS];
+        for (contact, &is_lifted) in contacts.iter().zip(&lifted) {
+            let i = contact.wheel;
             let Contact {
                 out,
                 within,
                 turned,
                 ..
             } = contact;
-            stance.lifted[i] = T::Mask::splat(lifted[i]);
-            stance.gradients[i] = vec2(within[0], within[1]) * (-T::one() / out[0]);
+            if !contact.is_second {
+                stance.gradients[i] = vec2(within[0], within[1]) * (-T::one() / out[0]);
+            }
+            // A wheel in the air keeps a trace of stiffness: two wheels alone would have none to roll by.
+            let (load, stiffness) = match (is_lifted, contact.is_second) {
+                (false, _) => (contact.load, self.stiffness[i]),
+                (true, false) => (T::zero(), self.stiffness[i] * T::from(TRACE)),
+                (true, true) => continue,
+            };
+            if !is_lifted {
+                stance.lifted[i] = T::Mask::splat(false);
+            }
             for a in 0..3 {
                 force[a] = load.mul_add(out[a], force[a]);
                 stance.push[a] = load.mul_add(within[a], stance.push[a]);
@@ -353,7 +375,20 @@ impl<T: Scalar> Footing<T> {
                     drawn[a][b] = stiff.mul_add(within[b], drawn[a][b]);
                 }
             }
-            let twist = load * contact.twist;
+            for (sum, part) in whole[i].iter_mut().zip([within[0], within[1], out[0]]) {
+                *sum = load.mul_add(part, *sum);
+            }
+            twists[i] = load.mul_add(contact.twist, twists[i]);
+            let elastic = T::from(0.5) * load * load / self.stiffness[i];
+            stance.potential += elastic;
+        }
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            if stance.lifted[i].any() {
+                continue;
+            }
+            let [ahead, aside, out] = whole[i];
+            stance.loads[i] = dot3(whole[i], whole[i]).sqrt();
+            stance.gradients[i] = vec2(ahead, aside) * (-T::one() / out);
             match wheel.steering {
                 // A caster that the ground turns takes the base with it.
                 Steering::Free { .. } => {
@@ -363,16 +398,13 @@ impl<T: Scalar> Footing<T> {
                         .enumerate()
                     {
                         let rate = platform.caster_rate(i, &frame, unit, T::zero());
-                        stance.push[k] = twist.mul_add(rate, stance.push[k]);
+                        stance.push[k] = twists[i].mul_add(rate, stance.push[k]);
                     }
                     let rate = platform.caster_rate(i, &frame, Vec2::zero(), T::one());
-                    stance.push[2] = twist.mul_add(rate, stance.push[2]);
+                    stance.push[2] = twists[i].mul_add(rate, stance.push[2]);
                 }
-                _ => stance.twists[i] = twist,
+                _ => stance.twists[i] = twists[i],
             }
-            stance.loads[i] = load * contact.length;
-            let elastic = T::from(0.5) * load * load / self.stiffness[i];
-            stance.potential += elastic;
         }
         // As it moves in its plane it heaves, rolls and pitches so that its wheels stay on the ground.
         let unit = |k: usize| [0, 1, 2].map(|a| T::from(f64::from(u8::from(a == k))));
@@ -392,22 +424,22 @@ impl<T: Scalar> Footing<T> {
         }
     }
 
-    /// Which wheels lift where their contacts, as they are at an attitude, and a weight with its moments
+    /// Which contacts lift where they, as they are at an attitude, and a weight with its moments
     /// about the forward and left axes come to rest; `None` where they do not.
     ///
-    /// Wheels push and do not pull, so the energy over small heave, roll and pitch of the chassis is
+    /// Contacts push and do not pull, so the energy over small heave, roll and pitch of the chassis is
     /// convex, of second degree in pieces: each step of Newton's method goes as far along its direction as the
     /// energy falls, and the steps end in the piece that holds the least.
-    fn lift(&self, contacts: &[Contact<T>], weight: [f64; 3]) -> Option<[bool; MAX_WHEELS]> {
+    fn lift(&self, contacts: &[Contact<T>], weight: [f64; 3]) -> Option<[bool; MAX_CONTACTS]> {
         let count = contacts.len();
-        let mut rows = [[0.0; 3]; MAX_WHEELS];
-        let (mut loads, mut stiffness) = ([0.0; MAX_WHEELS], [0.0; MAX_WHEELS]);
+        let mut rows = [[0.0; 3]; MAX_CONTACTS];
+        let (mut loads, mut stiffness) = ([0.0; MAX_CONTACTS], [0.0; MAX_CONTACTS]);
         for (i, contact) in contacts.iter().enumerate() {
             rows[i] = contact.out.map(|entry| entry.lane(0));
             loads[i] = contact.load.lane(0);
-            stiffness[i] = self.stiffness[i].lane(0);
+            stiffness[i] = self.stiffness[contact.wheel].lane(0);
         }
-        let mut lifted = [false; MAX_WHEELS];
+        let mut lifted = [false; MAX_CONTACTS];
         for i in 0..count {
             lifted[i] = loads[i] < 0.0;
         }
@@ -415,7 +447,11 @@ impl<T: Scalar> Footing<T> {
             let mut force = weight;
             let mut stiff = [[0.0; 3]; 3];
             for i in 0..count {
-                let kept = if lifted[i] { TRACE } else { 1.0 };
+                let kept = match (lifted[i], contacts[i].is_second) {
+                    (false, _) => 1.0,
+                    (true, false) => TRACE,
+                    (true, true) => 0.0,
+                };
                 for a in 0..3 {
                     force[a] += if lifted[i] {
                         0.0
@@ -429,9 +465,9 @@ impl<T: Scalar> Footing<T> {
             }
             let change = solve3(&stiff, force);
             // What each load falls by over the whole step; the slope of the energy along it.
-            let mut falls = [0.0; MAX_WHEELS];
+            let mut falls = [0.0; MAX_CONTACTS];
             let (mut slope, mut growth) = (-dot3(weight, change), 0.0);
-            let mut bends = [(f64::INFINITY, 0); MAX_WHEELS];
+            let mut bends = [(f64::INFINITY, 0); MAX_CONTACTS];
             for i in 0..count {
                 falls[i] = stiffness[i] * dot3(rows[i], change);
                 let along = falls[i] / stiffness[i];
@@ -481,9 +517,14 @@ impl<T: Scalar> Footing<T> {
     }
 }
 
+/// Most contacts: a wheel in a corner has two.
+const MAX_CONTACTS: usize = 2 * MAX_WHEELS;
+
 /// A wheel on the ground, at an attitude.
 #[derive(Clone, Copy)]
 struct Contact<T> {
+    wheel: usize,
+    is_second: bool,
     /// What it bears, N; below zero it would pull.
     load: T,
     /// What a unit of it does along the normal of the chassis, and about its forward and left axes.
@@ -494,20 +535,19 @@ struct Contact<T> {
     turned: [T; 3],
     /// Its moment about the axis of the wheel's steering.
     twist: T,
-    /// Its size.
-    length: T,
 }
 
 impl<T: Scalar> Contact<T> {
     fn none() -> Self {
         let none = [T::zero(); 3];
         Contact {
+            wheel: 0,
+            is_second: false,
             load: T::zero(),
             out: none,
             within: none,
             turned: none,
             twist: T::zero(),
-            length: T::one(),
         }
     }
 }

@@ -110,6 +110,8 @@ pub struct Terrain {
 const TRIES: i32 = 10;
 /// Most edges that are looked at under one wheel.
 const EDGES: usize = 48;
+/// Most places at which the rim is probed.
+const PROBES: usize = 2 * TRIES as usize + 1 + 2 * EDGES;
 /// Distance from an edge at which a wheel on it is taken, m: beyond rounding, below what matters.
 const BESIDE: f64 = 1e-9;
 /// Share of the radius up to which a contact ahead is looked for.
@@ -139,60 +141,146 @@ impl Terrain {
     /// Where a disc touches: of the points Q(s) = C + s f − √(r² − s²) n of its lower half that one with
     /// the largest h(Q) − Q_z. `[eq:envelope]`
     pub fn touch(&self, disc: &Disc) -> Touch {
+        self.touches(disc)[0].expect("a disc is nearest to the ground somewhere")
+    }
+
+    /// The same, and the deepest of the points beyond a place that is less deep than both, if there is
+    /// any: in the corner of a step a wheel touches twice.
+    pub fn touches(&self, disc: &Disc) -> [Option<Touch>; 2] {
+        let rim = Rim::new(self, disc);
+        let is_inside = |s: f64| {
+            let [x, y, z] = [0, 1, 2].map(|k| disc.center[k] + s * disc.forward[k]);
+            self.height(vec2(x, y)) > z
+        };
+        let is_wall = is_inside(disc.radius) || is_inside(-disc.radius);
+        // Edges cut the way into smooth stretches.
+        let mut edges = Edges::new(disc, rim.reach);
+        for feature in &self.features {
+            feature.edges(&mut edges);
+        }
+        let edges = edges.sorted();
+        let mut probes = [Probe::NONE; PROBES];
+        let mut count = 0;
+        let mut offer = |place: f64, edge: Option<Vec2<f64>>| {
+            probes[count] = Probe {
+                place,
+                depth: rim.depth(place),
+                edge,
+            };
+            count += 1;
+        };
+        let mut next = 0;
+        for k in -TRIES..=TRIES {
+            let place = rim.reach * f64::from(k) / f64::from(TRIES);
+            while next < edges.len() && edges[next].place <= place {
+                let edge = &edges[next];
+                offer((edge.place - BESIDE).max(-rim.reach), Some(edge.normal));
+                offer((edge.place + BESIDE).min(rim.reach), Some(edge.normal));
+                next += 1;
+            }
+            offer(place, None);
+        }
+        let probes = &probes[..count];
+        // Of equal ones the nearest to the middle, that flat ground has no side.
+        let is_better = |a: &Probe, b: &Probe| {
+            a.depth > b.depth || (a.depth == b.depth && a.place.abs() < b.place.abs())
+        };
+        let is_peak = |k: usize| {
+            let before = k == 0 || probes[k].depth > probes[k - 1].depth;
+            before && (k + 1 == count || probes[k].depth >= probes[k + 1].depth)
+        };
+        let mut best = [None; 2];
+        for k in (0..count).filter(|&k| is_peak(k)) {
+            let over = |rank: usize| {
+                best[rank].is_none_or(|other: usize| is_better(&probes[k], &probes[other]))
+            };
+            if over(0) {
+                best = [Some(k), best[0]];
+            } else if over(1) {
+                best[1] = Some(k);
+            }
+        }
+        best.map(|k| Some(rim.refined(&probes[k?], edges, is_wall)))
+    }
+}
+
+/// A place on a rim.
+#[derive(Clone, Copy)]
+struct Probe {
+    /// How far ahead, m.
+    place: f64,
+    depth: f64,
+    /// The edge beside which it is: unit vector across it.
+    edge: Option<Vec2<f64>>,
+}
+
+impl Probe {
+    const NONE: Probe = Probe {
+        place: 0.0,
+        depth: 0.0,
+        edge: None,
+    };
+}
+
+/// The lower half of a rim over a terrain.
+struct Rim<'a> {
+    terrain: &'a Terrain,
+    disc: &'a Disc,
+    /// How far ahead and behind contacts are looked for, m.
+    reach: f64,
+}
+
+impl<'a> Rim<'a> {
+    fn new(terrain: &'a Terrain, disc: &'a Disc) -> Self {
+        let reach = FACE * disc.radius;
+        Rim {
+            terrain,
+            disc,
+            reach,
+        }
+    }
+
+    fn arc(&self, s: f64) -> f64 {
+        Scalar::sqrt((self.disc.radius - s) * (self.disc.radius + s))
+    }
+
+    /// The point at a place.
+    fn at(&self, s: f64) -> [f64; 3] {
         let Disc {
             center,
             forward,
             up,
-            radius,
-        } = disc;
-        let arc = |s: f64| Scalar::sqrt((radius - s) * (radius + s));
-        let at = |s: f64| {
-            let below = arc(s);
-            [0, 1, 2].map(|k| center[k] + s * forward[k] - below * up[k])
-        };
-        // Rate of a point of the rim with s.
-        let along = |s: f64| {
-            let turn = s / arc(s);
-            [0, 1, 2].map(|k| forward[k] + turn * up[k])
-        };
-        let depth = |s: f64| {
-            let [x, y, z] = at(s);
-            self.height(vec2(x, y)) - z
-        };
-        let surface = |s: f64| {
-            let [x, y, _] = at(s);
-            self.surface(vec2(x, y))
-        };
-        let reach = FACE * radius;
-        // Edges cut the way into smooth stretches.
-        let mut edges = Edges::new(disc, reach);
-        for feature in &self.features {
-            feature.edges(&mut edges);
-        }
-        let edges = edges.found();
-        let (mut best, mut place, mut on) = (f64::NEG_INFINITY, 0.0, None);
-        let mut offer = |s: f64, edge: Option<Vec2<f64>>| {
-            let depth = depth(s);
-            // Of equal ones the nearest to the middle, that flat ground has no side.
-            if depth > best || (depth == best && s.abs() < place.abs()) {
-                (best, place, on) = (depth, s, edge);
-            }
-        };
-        for k in -TRIES..=TRIES {
-            offer(reach * f64::from(k) / f64::from(TRIES), None);
-        }
-        for edge in edges {
-            offer((edge.place - BESIDE).max(-reach), Some(edge.normal));
-            offer((edge.place + BESIDE).min(reach), Some(edge.normal));
-        }
-        // What grows or falls past the best of the tries has its peak beside it.
-        let rises = |s: f64| {
-            let [x, y, z] = along(s);
-            surface(s).1.dot(vec2(x, y)) - z
-        };
-        let span = reach / f64::from(TRIES);
-        let mut low = (place - span).max(-reach);
-        let mut high = (place + span).min(reach);
+            ..
+        } = self.disc;
+        let below = self.arc(s);
+        [0, 1, 2].map(|k| center[k] + s * forward[k] - below * up[k])
+    }
+
+    /// Rate of that point with the place.
+    fn along(&self, s: f64) -> [f64; 3] {
+        let turn = s / self.arc(s);
+        [0, 1, 2].map(|k| self.disc.forward[k] + turn * self.disc.up[k])
+    }
+
+    fn depth(&self, s: f64) -> f64 {
+        let [x, y, z] = self.at(s);
+        self.terrain.height(vec2(x, y)) - z
+    }
+
+    /// Rate of depth with the place.
+    fn rises(&self, s: f64) -> f64 {
+        let [x, y, _] = self.at(s);
+        let [along_x, along_y, along_z] = self.along(s);
+        let (_, gradient) = self.terrain.surface(vec2(x, y));
+        gradient.dot(vec2(along_x, along_y)) - along_z
+    }
+
+    /// The peak beside a probe that is deeper than its neighbors.
+    fn refined(&self, probe: &Probe, edges: &[Edge], is_wall: bool) -> Touch {
+        let (mut place, mut on) = (probe.place, probe.edge);
+        let span = self.reach / f64::from(TRIES);
+        let mut low = (place - span).max(-self.reach);
+        let mut high = (place + span).min(self.reach);
         for edge in edges {
             if edge.place <= place {
                 low = low.max(edge.place + BESIDE);
@@ -200,37 +288,34 @@ impl Terrain {
                 high = high.min(edge.place - BESIDE);
             }
         }
-        let own = rises(place);
+        let own = self.rises(place);
         let (from, to) = if own > 0.0 {
             (place, high)
         } else {
             (low, place)
         };
-        if own != 0.0 && from < to && rises(from) > 0.0 && rises(to) < 0.0 {
-            place = root(&rises, from, to);
+        if own != 0.0 && from < to && self.rises(from) > 0.0 && self.rises(to) < 0.0 {
+            place = root(&|s| self.rises(s), from, to);
             on = None;
         }
-        let (height, ground) = surface(place);
+        let [x, y, z] = self.at(place);
+        let (height, ground) = self.terrain.surface(vec2(x, y));
         let gradient = match on {
             None => ground,
             // The plane that the rim and the edge share.
             Some(normal) => {
                 let edge = normal.perpendicular();
                 let beside = edge * edge.dot(ground);
-                let [x, y, z] = along(place);
+                let [x, y, z] = self.along(place);
                 let way = vec2(x, y);
                 beside + normal * ((z - way.dot(beside)) / way.dot(normal))
             }
         };
-        let is_inside = |s: f64| {
-            let [x, y, z] = [0, 1, 2].map(|k| center[k] + s * forward[k]);
-            self.height(vec2(x, y)) > z
-        };
         Touch {
-            depth: height - at(place)[2],
+            depth: height - z,
             ahead: place,
             gradient,
-            is_wall: is_inside(*radius) || is_inside(-radius),
+            is_wall,
         }
     }
 }
@@ -337,8 +422,10 @@ impl Edges {
         }
     }
 
-    fn found(&self) -> &[Edge] {
-        &self.edges[..self.count]
+    fn sorted(&mut self) -> &[Edge] {
+        let edges = &mut self.edges[..self.count];
+        edges.sort_by(|a, b| a.place.total_cmp(&b.place));
+        edges
     }
 }
 

@@ -8,6 +8,7 @@ mod batch;
 mod control;
 mod diagnostic;
 mod read;
+mod relief;
 mod robot;
 mod task;
 
@@ -21,6 +22,7 @@ pub use control::{
 };
 pub use diagnostic::{Diagnostic, Diagnostics};
 pub use read::{Draft, Loaded, Overrides, Problems, RobotDraft, Template, number_text};
+pub use relief::{Class, Form, Relief};
 pub use robot::{Body, Drive, Friction, Platform, Rim, Steering, TRAILER, Tire, Trailer, Wheel};
 pub use task::{Direction, Piece, Route, Side, Task};
 
@@ -208,6 +210,22 @@ pub enum Terrain {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         patch: Vec<Patch>,
     },
+    /// Ground with hills, steps and grooves; the arena is the map beneath it.
+    Uneven {
+        /// Gravity, m/s².
+        #[serde(default = "defaults::gravity")]
+        gravity: f64,
+        /// Coefficient of friction between wheels and ground: at level `slip` in place of the tires'
+        /// own, at level `rolling` to judge the contact forces by.
+        #[serde(default)]
+        friction: Option<f64>,
+        /// Parts of the ground with a friction of their own, for level `slip`.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        patch: Vec<Patch>,
+        /// What makes it uneven; the heights of all are added.
+        #[serde(default)]
+        relief: Vec<Relief>,
+    },
 }
 
 /// A rectangle of the ground with a friction coefficient of its own. Of patches that overlap the last
@@ -224,10 +242,38 @@ pub struct Patch {
 }
 
 impl Terrain {
+    /// Gravity, m/s².
+    pub fn gravity(&self) -> f64 {
+        match self {
+            Terrain::Flat { gravity, .. }
+            | Terrain::Plane { gravity, .. }
+            | Terrain::Uneven { gravity, .. } => *gravity,
+        }
+    }
+
+    /// Coefficient of friction of all of it.
+    pub fn friction(&self) -> Option<f64> {
+        match self {
+            Terrain::Flat { friction, .. }
+            | Terrain::Plane { friction, .. }
+            | Terrain::Uneven { friction, .. } => *friction,
+        }
+    }
+
     /// Its patches.
     pub fn patches(&self) -> &[Patch] {
         match self {
-            Terrain::Flat { patch, .. } | Terrain::Plane { patch, .. } => patch,
+            Terrain::Flat { patch, .. }
+            | Terrain::Plane { patch, .. }
+            | Terrain::Uneven { patch, .. } => patch,
+        }
+    }
+
+    /// What makes it uneven.
+    pub fn relief(&self) -> &[Relief] {
+        match self {
+            Terrain::Flat { .. } | Terrain::Plane { .. } => &[],
+            Terrain::Uneven { relief, .. } => relief,
         }
     }
 }

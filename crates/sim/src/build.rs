@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::fmt;
+use std::sync::Arc;
 
 use appell_model::drive::{DcMotor, Drive};
 use appell_model::ground::Ground;
@@ -85,7 +86,7 @@ impl<'a, T: Scalar> Values<'a, T> {
     }
 }
 
-/// Gravity and slope.
+/// Gravity and slope; of uneven ground the level map.
 pub fn ground(terrain: &Terrain) -> Ground<f64> {
     ground_of(terrain, &Values::new(&[]))
 }
@@ -94,7 +95,9 @@ pub fn ground(terrain: &Terrain) -> Ground<f64> {
 pub fn ground_of<T: Scalar>(terrain: &Terrain, values: &Values<'_, T>) -> Ground<T> {
     let at = |key: &str, value: f64| values.at(format_args!("terrain.{key}"), value);
     match terrain {
-        Terrain::Flat { gravity, .. } => Ground::flat(at("gravity", *gravity)),
+        Terrain::Flat { gravity, .. } | Terrain::Uneven { gravity, .. } => {
+            Ground::flat(at("gravity", *gravity))
+        }
         Terrain::Plane {
             slope_deg,
             downhill_heading_deg,
@@ -114,16 +117,19 @@ fn radians<T: Scalar>(degrees: T) -> T {
     degrees * T::from(std::f64::consts::PI / 180.0)
 }
 
-/// What the wheels of a file meet on a terrain; their numbers stand under `path` in the scenario.
+/// What the wheels of a file meet on a terrain, whose heights were built where it is uneven; their
+/// numbers stand under `path` in the scenario.
 pub fn contacts<T: Scalar>(
     file: &scenario::Platform,
     terrain: &Terrain,
+    relief: Option<Arc<appell_model::terrain::Terrain>>,
     path: &str,
     values: &Values<'_, T>,
 ) -> Contacts<T> {
     Contacts {
         tires: tires(file, terrain, path, values),
         patches: patches(terrain, values),
+        relief,
     }
 }
 
@@ -135,10 +141,9 @@ fn tires<T: Scalar>(
     path: &str,
     values: &Values<'_, T>,
 ) -> Vec<Tire<T>> {
-    let ground = match terrain {
-        Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => *friction,
-    };
-    let ground = ground.map(|friction| values.at(format_args!("terrain.friction"), friction));
+    let ground = terrain
+        .friction()
+        .map(|friction| values.at(format_args!("terrain.friction"), friction));
     let own = file.wheel.iter().map(|wheel| {
         let at = |key: &str, value: f64| {
             values.at(

@@ -178,7 +178,13 @@ impl Crowd {
             step,
             period: scenario.record.period,
             signals: flocks.iter().flat_map(|flock| flock.signals()).collect(),
-            extra: drawing(&alone, &paths, &assignments, &integrators),
+            extra: drawing(
+                &alone,
+                &paths,
+                &assignments,
+                &integrators,
+                plans.relief(loaded)?.as_deref(),
+            ),
         };
         Ok(Crowd {
             header,

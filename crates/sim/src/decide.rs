@@ -6,6 +6,7 @@ use std::sync::Arc;
 use appell_model::ground::Ground;
 use appell_model::platform::Platform;
 use appell_model::scalar::Scalar;
+use appell_model::terrain::Terrain;
 use appell_model::wheel::Wheel;
 use appell_plugin::Fault;
 
@@ -40,6 +41,8 @@ pub(crate) struct Deciding<'a, 'b, T: Scalar> {
     pub key: (u64, u64),
     pub values: &'a Values<'b, T>,
     pub pool: &'a Arc<Pool>,
+    /// Heights of uneven ground.
+    pub relief: Option<&'a Arc<Terrain>>,
     /// What a plug-in may read and write.
     pub reach: Reach,
     /// Signals that are commanded from outside, to be added to.
@@ -187,7 +190,8 @@ impl<T: Scalar> Deciding<'_, '_, T> {
             let platform = build::platform_of(self.file, drives, weighs, &path, self.values)
                 .expect("a checked platform can be built");
             let terrain = &self.loaded.scenario.terrain;
-            let contacts = build::contacts(self.file, terrain, &path, self.values);
+            let relief = self.relief.cloned();
+            let contacts = build::contacts(self.file, terrain, relief, &path, self.values);
             let (name, level) = (&robot.name, own.level);
             let plant = Plant::new(
                 name,

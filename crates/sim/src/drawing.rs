@@ -1,5 +1,7 @@
 //! What a recording tells of its scene, for reports to draw: arena, robots, goals and paths.
 
+use appell_model::planar::vec2;
+use appell_model::terrain::Terrain as Relief;
 use serde_json::{Value, json};
 
 use crate::layout::{Assignment, Goal};
@@ -13,19 +15,11 @@ pub(crate) fn drawing(
     paths: &[Option<Path>],
     assignments: &[Option<Assignment>],
     integrators: &[String],
+    relief: Option<&Relief>,
 ) -> Value {
-    let terrain = match &scenario.terrain {
-        Terrain::Flat { .. } => json!({"kind": "flat"}),
-        Terrain::Plane {
-            slope_deg,
-            downhill_heading_deg,
-            ..
-        } => {
-            json!({"kind": "plane", "slope_deg": slope_deg, "downhill_heading_deg": downhill_heading_deg})
-        }
-    };
-    let friction = match &scenario.terrain {
-        Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
+    let terrain = match (&scenario.terrain, relief) {
+        (Terrain::Uneven { .. }, Some(relief)) => heights(relief, scenario.arena.size),
+        (terrain, _) => even(terrain),
     };
     let beacons: Vec<Value> = scenario
         .arena
@@ -46,11 +40,53 @@ pub(crate) fn drawing(
             "size": scenario.arena.size,
             "beacons": beacons,
             "terrain": terrain,
-            "friction": friction,
+            "friction": scenario.terrain.friction(),
             "patches": scenario.terrain.patches(),
         },
         "robots": robots,
         "statistics": scenario.statistics,
+    })
+}
+
+fn even(terrain: &Terrain) -> Value {
+    match terrain {
+        Terrain::Plane {
+            slope_deg,
+            downhill_heading_deg,
+            ..
+        } => {
+            json!({"kind": "plane", "slope_deg": slope_deg, "downhill_heading_deg": downhill_heading_deg})
+        }
+        Terrain::Flat { .. } | Terrain::Uneven { .. } => json!({"kind": "flat"}),
+    }
+}
+
+/// Cells along the longer side of the arena for which a height is drawn.
+const CELLS: f64 = 160.0;
+/// Steps in which heights are told, from the lowest to the highest.
+const LEVELS: f64 = 1000.0;
+
+/// Heights of uneven ground in the middles of square cells, row after row from the lowest y.
+fn heights(relief: &Relief, size: [f64; 2]) -> Value {
+    let cell = size[0].max(size[1]) / CELLS;
+    let [columns, rows] = size.map(|length| (length / cell).round().max(1.0) as usize);
+    let at = |k: usize| (k as f64 + 0.5) * cell;
+    let height = |k: usize| relief.height(vec2(at(k % columns), at(k / columns)));
+    let heights: Vec<f64> = (0..columns * rows).map(height).collect();
+    let low = heights.iter().fold(f64::MAX, |low, &h| low.min(h));
+    let high = heights.iter().fold(f64::MIN, |high, &h| high.max(h));
+    let span = if high > low { high - low } else { 1.0 };
+    let levels: Vec<u32> = heights
+        .iter()
+        .map(|h| ((h - low) / span * LEVELS).round() as u32)
+        .collect();
+    json!({
+        "kind": "uneven",
+        "cell": cell,
+        "columns": columns,
+        "low": low,
+        "high": high,
+        "levels": levels,
     })
 }
 

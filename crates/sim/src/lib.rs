@@ -31,6 +31,7 @@ pub mod obstacle;
 pub mod plan;
 pub mod plant;
 pub mod record;
+mod relief;
 pub mod report;
 pub mod route;
 pub mod run;

@@ -7,7 +7,7 @@ use appell_model::wide::{Job, widest};
 
 use crate::judge::Judge;
 use crate::run::{StatisticsRow, StatisticsTable};
-use crate::scenario::{Scenario, Terrain};
+use crate::scenario::Scenario;
 use crate::signal::Signal;
 
 /// Measures runs in lanes.
@@ -334,10 +334,7 @@ impl<T: Scalar> Meter<T> {
             .robot
             .iter()
             .map(|robot| {
-                let friction = match scenario.terrain {
-                    Terrain::Flat { friction, .. } | Terrain::Plane { friction, .. } => friction,
-                };
-                let mut gauge = Gauge::new(friction);
+                let mut gauge = Gauge::new(scenario.terrain.friction());
                 gauge.passes_patches = !scenario.terrain.patches().is_empty();
                 let prefix = format!("robot.{}.", robot.name);
                 // Of models that take turns not all know forces, commands of drives and energies.

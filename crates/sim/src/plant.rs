@@ -1,6 +1,6 @@
 //! The plant: a platform at a level of model, with an integrator, as a [`Block`].
 
-mod sliding;
+mod alone;
 
 use std::any::Any;
 
@@ -16,7 +16,8 @@ use appell_model::planar::vec2;
 use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
-use appell_model::slip::{SLIP_OUTPUTS, SlipError};
+use appell_model::slip::SLIP_OUTPUTS;
+use appell_model::wheel::{Steering, Wheel};
 
 use crate::block::{
     Block, BlockError, Detail, Now, Port, Recovery, finite_lanes, restore_numbers, save_numbers,
@@ -24,8 +25,8 @@ use crate::block::{
 use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
 
-pub use sliding::Contacts;
-use sliding::{Sliding, sliding};
+pub use alone::Contacts;
+use alone::{Alone, Motion, sliding, uneven};
 
 /// A platform that moves.
 pub struct Plant<T: Scalar = f64> {
@@ -53,7 +54,7 @@ pub struct Plant<T: Scalar = f64> {
 enum System<T: Scalar> {
     Kinematic(Box<Kinematic<T>>),
     Rolling(Box<Rolling<T>>),
-    Slip(Box<dyn Sliding<T>>),
+    Alone(Box<dyn Alone<T>>),
 }
 
 /// A way to integrate.
@@ -128,61 +129,87 @@ impl<T: Scalar> Plant<T> {
         let mut commands = driven;
         commands.extend((0..layout.steered.len()).map(|k| layout.steering_input() + k));
         let prefix = format!("robot.{name}");
-        let (inputs, mut outputs) = ports(&prefix, &platform, level);
-        // What the method is chosen by: the nominal robot.
-        let nominal = platform.map(&mut |_, number: T| number.lane(0));
-        let system = match level {
-            Level::Kinematic => {
-                // More wheels commanded than directions to go: they may disagree.
-                if is_overdriven {
-                    outputs.push(Port {
-                        path: format!("{prefix}.internal_slip"),
-                        unit: "rad/s".into(),
-                    });
-                }
-                System::Kinematic(Box::new(Kinematic::new(platform).ok_or(PlantError {
-                    field: "level",
-                    problem:
-                        "must be another: the driven wheels do not determine the motion".into(),
-                    hint: "use level \"rolling\", or drive more wheels".into(),
-                })?))
-            }
-            // Lanes have no level `slip`; what they get instead fits none of it.
-            level if level == Level::Rolling || const { T::LANES > 1 } => {
+        // Lanes know neither slip nor uneven ground; what they get instead fits none of it.
+        let alone = if const { T::LANES > 1 } {
+            None
+        } else if contacts.relief.is_some() {
+            let gravity = ground.gravity_normal;
+            let made = uneven(&platform, &contacts, gravity, level, numerics, start.angles);
+            Some(made.ok_or_else(|| PlantError {
+                field: "terrain.kind",
+                problem:
+                    "must be \"flat\" or \"plane\" here: derivatives know no uneven ground".into(),
+                hint: "change numbers by hand, or vary them in a batch".into(),
+            })??)
+        } else if level == Level::Slip {
+            Some(sliding(platform.clone(), contacts, ground)?)
+        } else {
+            None
+        };
+        let is_uneven = alone.as_ref().is_some_and(|s| s.attitude().is_some());
+        let (inputs, mut outputs) = ports(&prefix, &platform, level, is_uneven);
+        // More wheels commanded than directions to go: they may disagree.
+        if level == Level::Kinematic && is_overdriven {
+            outputs.push(Port {
+                path: format!("{prefix}.internal_slip"),
+                unit: "rad/s".into(),
+            });
+        }
+        let (system, method) = if let Some(system) = alone {
+            let at_rest = crate::build::rest_state(system.platform(), start.pose, &angles);
+            let motion = Motion {
+                velocity: forward,
+                yaw_rate: start.twist[1],
+                steering: &[],
+                spin: None,
+            };
+            (x, mode) = system.state(&at_rest, &motion);
+            system.rest(&mut x).map_err(|problem| PlantError {
+                field: "pose",
+                problem: format!("must be where the robot can stand: {problem}"),
+                hint: "start it elsewhere".into(),
+            })?;
+            (System::Alone(system), Method::Own)
+        } else {
+            // What the method is chosen by: the nominal robot.
+            let nominal = platform.map(&mut |_, number: T| number.lane(0));
+            if level == Level::Kinematic {
+                let system = Kinematic::new(platform).ok_or_else(undetermined)?;
+                let twin = Kinematic::new(nominal).expect("as the one on lanes");
+                let radius = fastest(&twin, twin.platform(), start.angles);
+                let method = method(&system, radius, numerics)?;
+                (System::Kinematic(Box::new(system)), method)
+            } else {
                 let system = Rolling::new(platform, ground);
-                if system.support().is_some() {
-                    outputs.push(Port {
-                        path: format!("{prefix}.tip_margin"),
-                        unit: "m".into(),
-                    });
-                }
-                System::Rolling(Box::new(system))
-            }
-            _ => {
-                if const { T::LANES > 1 } {
-                    unreachable!("taken above");
-                }
-                let system = sliding(platform, contacts, ground).map_err(|error| PlantError {
-                    field: "level",
-                    problem: match error {
-                        SlipError::Trailer(_) => {
-                            "must be another with a trailer: level \"slip\" knows none".into()
-                        }
-                        SlipError::SteeredCount(count) => {
-                            format!("must be another with {count} steered wheels: level \"slip\" knows five")
-                        }
-                    },
-                    hint: "use level \"rolling\"".into(),
-                })?;
-                let at_rest = crate::build::rest_state(system.platform(), start.pose, &angles);
-                x = system.state(&at_rest, forward, start.twist[1]);
-                let rates: Vec<T> = (0..layout.wheels).map(|i| x[system.rate(i)]).collect();
-                mode = senses(&rates);
-                contact_ports(&prefix, system.as_ref(), &mut outputs);
-                System::Slip(system)
+                let own: &dyn Any = &system;
+                let radius = match own.downcast_ref::<Rolling<f64>>() {
+                    Some(own) => fastest(own, own.platform(), start.angles),
+                    None => {
+                        let gravity = vec2(ground.gravity.x.lane(0), ground.gravity.y.lane(0));
+                        let gravity_normal = ground.gravity_normal.lane(0);
+                        let even = Ground {
+                            gravity,
+                            gravity_normal,
+                        };
+                        let twin = Rolling::new(nominal, even);
+                        fastest(&twin, twin.platform(), start.angles)
+                    }
+                };
+                let method = method(&system, radius, numerics)?;
+                (System::Rolling(Box::new(system)), method)
             }
         };
-        let method = method(&system, nominal, numerics, start.angles)?;
+        if system.tips() {
+            outputs.push(Port {
+                path: format!("{prefix}.tip_margin"),
+                unit: "m".into(),
+            });
+        }
+        if let System::Alone(system) = &system
+            && system.contacts().is_some()
+        {
+            contact_ports(&prefix, system.platform(), &mut outputs);
+        }
         let y = vec![T::zero(); system.outputs()];
         let mut plant = Plant {
             name: prefix,
@@ -204,10 +231,16 @@ impl<T: Scalar> Plant<T> {
         Ok(plant)
     }
 
-    /// The outputs that are always up to date: pose, twist, wheel angles and rates.
+    /// The outputs that are always up to date: pose, twist, wheel angles and rates, and on uneven ground
+    /// height, roll and pitch.
     pub(crate) fn motion_ports(&self) -> &[Port] {
         let layout = self.layout();
-        &self.outputs[..6 + 2 * layout.wheels + 2 * layout.swivels.len()]
+        let attitude = if self.system.attitude().is_some() {
+            3
+        } else {
+            0
+        };
+        &self.outputs[..6 + 2 * layout.wheels + 2 * layout.swivels.len() + attitude]
     }
 
     fn layout(&self) -> &Layout {
@@ -221,7 +254,7 @@ impl<T: Scalar> Plant<T> {
         match &self.system {
             System::Rolling(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
             System::Kinematic(s) => observe(s.as_ref(), motion_only, x, u, mode, y),
-            System::Slip(s) => s.observe(x, u, mode, y),
+            System::Alone(s) => s.observe(motion_only, x, u, mode, y),
         }
     }
 
@@ -233,14 +266,19 @@ impl<T: Scalar> Plant<T> {
 
     /// The integrator that was chosen, in words.
     pub fn integrator(&self) -> String {
-        match &self.method {
-            Method::RungeKutta4(_) => "Runge–Kutta 4".into(),
-            Method::Exponential(_) => "exponential midpoint".into(),
-            Method::Adaptive(adaptive) => {
-                format!("Tsitouras 5(4), tolerance {:e}", adaptive.relative)
-            }
-            Method::Own => "implicit of order 2".into(),
+        match &self.system {
+            System::Alone(system) => system.integrator(),
+            _ => self.method.name(),
         }
+    }
+}
+
+/// Why a platform cannot be commanded by the rates of its wheels.
+fn undetermined() -> PlantError {
+    PlantError {
+        field: "level",
+        problem: "must be another: the driven wheels do not determine the motion".into(),
+        hint: "use level \"rolling\", or drive more wheels".into(),
     }
 }
 
@@ -264,94 +302,60 @@ fn wheel_rates<T: Scalar>(platform: &Platform<T>, x: &[T], v: &[T]) -> Vec<T> {
 }
 
 /// Rate of the fastest mode of a robot, 1/s, at rest and with its wheels turned.
-fn fastest<T: Scalar>(system: &System<T>, nominal: Platform<f64>, angles: &[f64]) -> f64 {
-    let layout = nominal.layout().clone();
-    let mut states = vec![crate::build::rest_state(&nominal, [0.0; 3], angles)];
+fn fastest<S: Dynamics<f64>>(system: &S, platform: &Platform<f64>, angles: &[f64]) -> f64 {
+    let layout = platform.layout();
+    let mut states = vec![crate::build::rest_state(platform, [0.0; 3], angles)];
     // A wheel that stands straight may hide what it resists once it is turned.
     if !layout.constant {
         for turn in [0.5, 1.2] {
             let turned: Vec<f64> = angles.iter().map(|angle| angle + turn).collect();
-            states.push(crate::build::rest_state(&nominal, [0.0; 3], &turned));
+            states.push(crate::build::rest_state(platform, [0.0; 3], &turned));
         }
     }
     let u = vec![0.0; layout.input()];
     // Wheels taken as turning: friction that sticks is no stiffness.
     let turning = vec![1.0; layout.wheels];
-    let radius = |radii: &dyn Fn(&[f64]) -> f64| {
-        let radii = states.iter().map(|x| radii(x));
-        radii.fold(0.0, f64::max)
-    };
-    match system {
-        System::Kinematic(_) => {
-            let system = Kinematic::new(nominal).expect("as the one on lanes");
-            radius(&|x| spectral_radius(&system, x, &u, &turning))
-        }
-        System::Rolling(rolling) => {
-            let own: &dyn Any = rolling.as_ref();
-            if let Some(own) = own.downcast_ref::<Rolling<f64>>() {
-                return radius(&|x| spectral_radius(own, x, &u, &turning));
-            }
-            let ground = Ground {
-                gravity: vec2(
-                    rolling.ground().gravity.x.lane(0),
-                    rolling.ground().gravity.y.lane(0),
-                ),
-                gravity_normal: rolling.ground().gravity_normal.lane(0),
-            };
-            let system = Rolling::new(nominal, ground);
-            radius(&|x| spectral_radius(&system, x, &u, &turning))
-        }
-        System::Slip(_) => 0.0,
-    }
+    let radii = states
+        .iter()
+        .map(|x| spectral_radius(system, x, &u, &turning));
+    radii.fold(0.0, f64::max)
 }
 
-fn method<T: Scalar>(
-    system: &System<T>,
-    nominal: Platform<f64>,
+/// The method for a system whose fastest mode has a rate, 1/s.
+fn method<T: Scalar, S: Dynamics<T>>(
+    system: &S,
+    radius: f64,
     numerics: Numerics,
-    angles: &[f64],
 ) -> Result<Method<T>, PlantError> {
     let Numerics {
         integrator,
         step,
         tolerance,
     } = numerics;
-    if let System::Slip(_) = system {
-        return match integrator {
-            Integrator::Auto => Ok(Method::Own),
-            _ => Err(PlantError {
-                field: "time.integrator",
-                problem: "must be \"auto\" at level \"slip\"".into(),
-                hint: "its contacts are stiff: it has one method, which is implicit".into(),
-            }),
-        };
-    }
-    let layout = nominal.layout().clone();
-    let rk4 = Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
-    let exponential = || system.exponential(step);
+    let sizes = system.sizes();
+    let rk4 = || Method::RungeKutta4(RungeKutta4::new(sizes.state, sizes.input));
+    let exponential = || {
+        let made = Exponential::new(system, step);
+        made.map(|method| Method::Exponential(Box::new(method)))
+    };
     let adaptive = || {
         // A step that all lanes shared would depend on their neighbors: they are not for it.
         if const { T::LANES > 1 } {
-            return Method::RungeKutta4(RungeKutta4::new(layout.state(), layout.input()));
+            return rk4();
         }
-        let mut adaptive = match system {
-            System::Kinematic(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
-            System::Rolling(s) => Adaptive::new(s.as_ref(), tolerance, 0.1 * tolerance),
-            System::Slip(_) => unreachable!("it has a method of its own"),
-        };
+        let mut adaptive = Adaptive::new(system, tolerance, 0.1 * tolerance);
         adaptive.step_max = step.max(0.01);
         Method::Adaptive(Box::new(adaptive))
     };
-    let radius = fastest(system, nominal, angles);
     let stiff = radius * step;
     match integrator {
         // At h|λ| = 0.3 the classical method is off by 2e-5 of the fast part in each step; beyond, the
         // exponential one, which is exact there, is the better. Where the geometry changes there is
         // none, and RK4 serves as far as it is stable with some reserve.
-        Integrator::Auto if stiff <= 0.3 => Ok(rk4),
+        Integrator::Auto if stiff <= 0.3 => Ok(rk4()),
         Integrator::Auto => match exponential() {
             Some(exponential) => Ok(exponential),
-            None if stiff <= 2.0 => Ok(rk4),
+            None if stiff <= 2.0 => Ok(rk4()),
             None => Ok(adaptive()),
         },
         Integrator::Exponential => exponential().ok_or_else(|| PlantError {
@@ -370,7 +374,7 @@ fn method<T: Scalar>(
                 RungeKutta4::<f64>::STABLE / radius
             ),
         }),
-        Integrator::Rk4 => Ok(rk4),
+        Integrator::Rk4 => Ok(rk4()),
         Integrator::Adaptive => Ok(adaptive()),
     }
 }
@@ -380,21 +384,33 @@ impl<T: Scalar> System<T> {
         match self {
             System::Kinematic(system) => system.platform(),
             System::Rolling(system) => system.platform(),
-            System::Slip(system) => system.platform(),
+            System::Alone(system) => system.platform(),
         }
     }
 
     /// Length of the output.
     fn outputs(&self) -> usize {
         match self {
-            System::Slip(system) => system.outputs().0,
+            System::Alone(system) => system.outputs(),
             _ => self.platform().layout().output(),
         }
     }
 
     /// Whether there are forces, and with them energy.
     fn has_forces(&self) -> bool {
-        !matches!(self, System::Kinematic(_))
+        match self {
+            System::Kinematic(_) => false,
+            System::Rolling(_) => true,
+            System::Alone(system) => system.level() != Level::Kinematic,
+        }
+    }
+
+    /// Index of height, roll and pitch in the state, on uneven ground.
+    fn attitude(&self) -> Option<usize> {
+        match self {
+            System::Alone(system) => system.attitude(),
+            _ => None,
+        }
     }
 
     /// Whether contacts carry a plane, over whose edges the robot could tip.
@@ -402,18 +418,57 @@ impl<T: Scalar> System<T> {
         match self {
             System::Kinematic(_) => false,
             System::Rolling(system) => system.support().is_some(),
-            System::Slip(system) => system.tips(),
+            System::Alone(system) => system.tips(),
+        }
+    }
+}
+
+impl<T: Scalar> Method<T> {
+    /// Advances by steps of a length, s, under a held input, or says what is in the way.
+    #[inline(always)]
+    fn steps<S: Dynamics<T>>(
+        &mut self,
+        system: &S,
+        u: &[T],
+        (step, count): (f64, u64),
+        x: &mut [T],
+        mode: &mut [T],
+    ) -> Result<(), String> {
+        let held = Held(u);
+        match self {
+            Method::RungeKutta4(m) => m.steps(system, &held, 0.0, step, count, x, mode),
+            Method::Exponential(m) => m.steps(system, &held, 0.0, step, count, x, mode),
+            Method::Adaptive(_) if const { T::LANES > 1 } => unreachable!("not for lanes"),
+            Method::Adaptive(m) => return advance(m, system, &held, (step, count), x, mode),
+            Method::Own => unreachable!("of levels that go alone"),
+        }
+        Ok(())
+    }
+
+    /// Its name.
+    fn name(&self) -> String {
+        match self {
+            Method::RungeKutta4(_) => "Runge–Kutta 4".into(),
+            Method::Exponential(_) => "exponential midpoint".into(),
+            Method::Adaptive(adaptive) => {
+                format!("Tsitouras 5(4), tolerance {:e}", adaptive.relative)
+            }
+            Method::Own => unreachable!("of levels that go alone"),
         }
     }
 
-    /// The exponential method for a step, s, if the system has a linear part.
-    fn exponential(&self, step: f64) -> Option<Method<T>> {
-        let made = match self {
-            System::Kinematic(s) => Exponential::new(s.as_ref(), step),
-            System::Rolling(s) => Exponential::new(s.as_ref(), step),
-            System::Slip(_) => None,
-        };
-        made.map(|method| Method::Exponential(Box::new(method)))
+    /// The length that an adaptive method would take next, s; zero for others.
+    fn next_step(&self) -> f64 {
+        match self {
+            Method::Adaptive(adaptive) => adaptive.next_step(),
+            _ => 0.0,
+        }
+    }
+
+    fn set_next_step(&mut self, step: f64) {
+        if let Method::Adaptive(adaptive) = self {
+            adaptive.set_next_step(step);
+        }
     }
 }
 
@@ -438,19 +493,15 @@ pub fn steering_signal(level: Level) -> (&'static str, &'static str) {
     }
 }
 
+/// Whether the contact of a wheel draws a force at level `slip`, as those of casters do not.
+fn draws<T: Scalar>(wheel: &Wheel<T>) -> bool {
+    !matches!(wheel.steering, Steering::Free { .. })
+}
+
 /// What is known of the contacts at level `slip`.
-fn contact_ports<T: Scalar>(prefix: &str, system: &dyn Sliding<T>, outputs: &mut Vec<Port>) {
-    if system.tips() {
-        outputs.push(Port {
-            path: format!("{prefix}.tip_margin"),
-            unit: "m".into(),
-        });
-    }
-    for (i, wheel) in system.platform().wheels().iter().enumerate() {
-        if system.follows(i) {
-            continue;
-        }
-        for (field, unit) in sliding::SIGNALS {
+fn contact_ports<T: Scalar>(prefix: &str, platform: &Platform<T>, outputs: &mut Vec<Port>) {
+    for wheel in platform.wheels().iter().filter(|wheel| draws(wheel)) {
+        for (field, unit) in alone::SIGNALS {
             outputs.push(Port {
                 path: format!("{prefix}.wheel.{}.{field}", wheel.name),
                 unit: unit.into(),
@@ -460,7 +511,12 @@ fn contact_ports<T: Scalar>(prefix: &str, system: &dyn Sliding<T>, outputs: &mut
 }
 
 /// Inputs: a command per driven wheel, one per steering motor, then the brake. Outputs: see [`Plant::observe`].
-fn ports<T: Scalar>(prefix: &str, platform: &Platform<T>, level: Level) -> (Vec<Port>, Vec<Port>) {
+fn ports<T: Scalar>(
+    prefix: &str,
+    platform: &Platform<T>,
+    level: Level,
+    is_uneven: bool,
+) -> (Vec<Port>, Vec<Port>) {
     let signal = |path: String, unit: &str| Signal {
         path: format!("{prefix}.{path}"),
         unit: unit.to_owned(),
@@ -494,6 +550,11 @@ fn ports<T: Scalar>(prefix: &str, platform: &Platform<T>, level: Level) -> (Vec<
             add("steering_angle", "rad");
             add("steering_rate", "rad/s");
         }
+    }
+    if is_uneven {
+        outputs.push(signal("pose.z".into(), "m"));
+        outputs.push(signal("pose.roll".into(), "rad"));
+        outputs.push(signal("pose.pitch".into(), "rad"));
     }
     if level != Level::Kinematic {
         for wheel in platform.wheels() {
@@ -537,43 +598,24 @@ impl<T: Scalar> Block<T> for Plant<T> {
 
     fn step(&mut self, now: &Now<'_, T>, input: &[T], _output: &mut [T]) -> Result<(), BlockError> {
         self.take_input(input);
-        let (x, mode) = (&mut self.x, &mut self.mode);
-        let held = Held(&self.u);
+        let (x, mode, u) = (&mut self.x, &mut self.mode, &self.u);
         // Always in steps of the physics, however far the way is: the bits do not depend on it.
         let step = self.step;
         let count = (now.dt / step).round() as u64;
-        match (&mut self.system, &mut self.method) {
-            (System::Slip(s), _) => {
-                let found = s.steps(&self.u, step, count, x, mode);
-                if !found && finite_lanes(x).all() {
-                    return Err(BlockError {
-                        block: self.name.clone(),
-                        problem: "the forces of the contacts were not found within a step: take a smaller time.step, or softer tires".into(),
-                        lanes: u32::MAX,
-                        then: Recovery::End,
-                    });
-                }
-            }
-            (_, Method::Own) => unreachable!("of level slip alone"),
-            (System::Kinematic(s), Method::RungeKutta4(m)) => {
-                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
-            }
-            (System::Rolling(s), Method::RungeKutta4(m)) => {
-                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
-            }
-            (System::Kinematic(s), Method::Exponential(m)) => {
-                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
-            }
-            (System::Rolling(s), Method::Exponential(m)) => {
-                m.steps(s.as_ref(), &held, 0.0, step, count, x, mode)
-            }
-            (_, Method::Adaptive(_)) if const { T::LANES > 1 } => unreachable!("not for lanes"),
-            (System::Kinematic(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?
-            }
-            (System::Rolling(s), Method::Adaptive(m)) => {
-                advance(&self.name, m, s.as_ref(), &held, (step, count), x, mode)?;
-            }
+        let went = match &mut self.system {
+            System::Alone(s) => s.steps(u, step, count, x, mode),
+            System::Kinematic(s) => self.method.steps(s.as_ref(), u, (step, count), x, mode),
+            System::Rolling(s) => self.method.steps(s.as_ref(), u, (step, count), x, mode),
+        };
+        if let Err(problem) = went
+            && finite_lanes(x).all()
+        {
+            return Err(BlockError {
+                block: self.name.clone(),
+                problem,
+                lanes: u32::MAX,
+                then: Recovery::End,
+            });
         }
         let finite = finite_lanes(x);
         if finite.all() {
@@ -617,24 +659,29 @@ impl<T: Scalar> Block<T> for Plant<T> {
                 x[layout.current() + k] = of_wheel(i, "current");
             }
         }
-        if let System::Rolling(_) = self.system {
-            let rates = layout.steered.iter().map(|&i| of_wheel(i, "steering_rate"));
-            let rates: Vec<T> = rates.collect();
-            let v = platform.velocity_from_twist(velocity, last("twist.yaw_rate"), &rates);
-            let at = layout.velocity();
-            x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
-            self.mode = senses(&wheel_rates(platform, &x, &v));
-        }
-        if let System::Slip(system) = &self.system {
-            x = system.state(&x, velocity, last("twist.yaw_rate"));
-            for (k, &i) in layout.steered.iter().enumerate() {
-                x[layout.velocity() + layout.eta + k] = of_wheel(i, "steering_rate");
+        let rates = layout.steered.iter().map(|&i| of_wheel(i, "steering_rate"));
+        let rates: Vec<T> = rates.collect();
+        let yaw_rate = last("twist.yaw_rate");
+        match &self.system {
+            System::Kinematic(_) => {}
+            System::Rolling(_) => {
+                let v = platform.velocity_from_twist(velocity, yaw_rate, &rates);
+                let at = layout.velocity();
+                x[at..at + layout.dof()].copy_from_slice(&v[..layout.dof()]);
+                self.mode = senses(&wheel_rates(platform, &x, &v));
             }
-            for i in 0..layout.wheels {
-                x[system.rate(i)] = of_wheel(i, "spin_rate");
+            System::Alone(system) => {
+                let spin: Vec<T> = (0..layout.wheels)
+                    .map(|i| of_wheel(i, "spin_rate"))
+                    .collect();
+                let motion = Motion {
+                    velocity,
+                    yaw_rate,
+                    steering: &rates,
+                    spin: Some(&spin),
+                };
+                (x, self.mode) = system.state(&x, &motion);
             }
-            let rates: Vec<T> = (0..layout.wheels).map(|i| x[system.rate(i)]).collect();
-            self.mode = senses(&rates);
         }
         self.x = x;
         // Its books begin anew.
@@ -665,6 +712,9 @@ impl<T: Scalar> Block<T> for Plant<T> {
                 put(y[layout.wheel_output(i, WheelOutput::SteeringRate)]);
                 swivel += 1;
             }
+        }
+        if let Some(at) = self.system.attitude() {
+            self.x[at..at + 3].iter().copied().for_each(&mut put);
         }
         if detail == Detail::Motion {
             return;
@@ -700,10 +750,12 @@ impl<T: Scalar> Block<T> for Plant<T> {
         if self.system.tips() {
             put(y[6]);
         }
-        if let System::Slip(system) = &self.system {
-            let (_, at) = system.outputs();
-            for (i, contact) in y[at..].chunks_exact(SLIP_OUTPUTS).enumerate() {
-                if !system.follows(i) {
+        if let System::Alone(system) = &self.system
+            && let Some(at) = system.contacts()
+        {
+            let contacts = y[at..].chunks_exact(SLIP_OUTPUTS);
+            for (wheel, contact) in system.platform().wheels().iter().zip(contacts) {
+                if draws(wheel) {
                     contact.iter().copied().for_each(&mut put);
                 }
             }
@@ -714,9 +766,9 @@ impl<T: Scalar> Block<T> for Plant<T> {
         save_numbers(&self.x, bytes);
         save_numbers(&self.u, bytes);
         save_numbers(&self.mode, bytes);
-        let step = match &self.method {
-            Method::Adaptive(adaptive) => adaptive.next_step(),
-            Method::RungeKutta4(_) | Method::Exponential(_) | Method::Own => 0.0,
+        let step = match &self.system {
+            System::Alone(system) => system.next_step(),
+            _ => self.method.next_step(),
         };
         save_numbers(&[T::from(step), self.energy_start], bytes);
     }
@@ -727,8 +779,9 @@ impl<T: Scalar> Block<T> for Plant<T> {
         used += restore_numbers(&mut self.mode, &bytes[used..])?;
         let mut rest = [T::zero(); 2];
         used += restore_numbers(&mut rest, &bytes[used..])?;
-        if let Method::Adaptive(adaptive) = &mut self.method {
-            adaptive.set_next_step(rest[0].lane(0));
+        match &mut self.system {
+            System::Alone(system) => system.set_next_step(rest[0].lane(0)),
+            _ => self.method.set_next_step(rest[0].lane(0)),
         }
         self.energy_start = rest[1];
         Some(used)
@@ -789,25 +842,19 @@ impl<T: Scalar> Plant<T> {
 }
 
 fn advance<T: Scalar, S: Dynamics<T>>(
-    name: &str,
     method: &mut Adaptive<T>,
     system: &S,
     input: &Held<'_, T>,
     (step, count): (f64, u64),
     x: &mut [T],
     mode: &mut [T],
-) -> Result<(), BlockError> {
+) -> Result<(), String> {
     for _ in 0..count {
         // Time within the step: small numbers keep event times exact however long the run.
         let result = method.advance(system, input, 0.0, step, x, mode, None);
-        result.map_err(|stalled| BlockError {
-            block: name.to_owned(),
-            problem: match stalled {
-                Stalled::StepTooSmall(_) => "the adaptive step vanished".into(),
-                Stalled::NotFinite(_) => "the state is no longer finite".into(),
-            },
-            lanes: u32::MAX,
-            then: Recovery::End,
+        result.map_err(|stalled| match stalled {
+            Stalled::StepTooSmall(_) => "the adaptive step vanished".to_owned(),
+            Stalled::NotFinite(_) => "the state is no longer finite".to_owned(),
         })?;
     }
     Ok(())

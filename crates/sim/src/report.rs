@@ -10,9 +10,10 @@ use crate::record::{Event, Recording};
 use crate::run::{Outcome, RobotSummary, Summary};
 
 /// The pure modules, in the order of their dependence.
-const MODULES: [&str; 6] = [
+const MODULES: [&str; 7] = [
     include_str!("../web/draw.js"),
     include_str!("../web/run.js"),
+    include_str!("../web/terrain.js"),
     include_str!("../web/arena.js"),
     include_str!("../web/plot.js"),
     include_str!("../web/report-body.js"),

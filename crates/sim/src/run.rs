@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use appell_model::scalar::Scalar;
+use appell_model::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
 use crate::block::Block;
@@ -19,6 +20,7 @@ use crate::meter::Meter;
 use crate::plan::{self, Path, PlanError};
 use crate::plant::{Numerics, Plant, PlantError, Start};
 use crate::record::{Event, Header, RecordError, Recorder};
+use crate::relief::Grids;
 use crate::scenario::{
     Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Statistics,
     Task,
@@ -189,12 +191,15 @@ pub(crate) struct Assembly<T: Scalar> {
     pub outsides: Vec<crate::signal::Signal>,
     /// What the plug-ins of each robot may read and write.
     pub reaches: Vec<Reach>,
+    /// Heights of uneven ground.
+    pub relief: Option<Arc<Terrain>>,
 }
 
-/// What trials of a batch share: ways that were planned, and plug-ins that run.
+/// What trials of a batch share: ways that were planned, heights of the ground, and plug-ins that run.
 #[derive(Default)]
 pub(crate) struct Plans {
     ways: Mutex<Vec<Plan>>,
+    grids: Grids,
     pub plugins: Arc<Pool>,
 }
 
@@ -209,6 +214,15 @@ struct Plan {
 const PLANS_MAX: usize = 16;
 
 impl Plans {
+    /// Heights of the ground, where it is uneven.
+    pub(crate) fn relief(&self, loaded: &Loaded) -> Result<Option<Arc<Terrain>>, Diagnostics> {
+        let relief = self.grids.terrain(&loaded.scenario.terrain, &loaded.folder);
+        relief.map_err(|found| {
+            let path = format!("terrain.relief.{}.{}", found.index, found.error.field);
+            refuse(loaded, path, found.error.problem, found.error.hint)
+        })
+    }
+
     fn way(&self, layout: &Layout, goal: &Goal) -> Result<(Arc<Path>, Arc<Track>), PlanError> {
         let known = |plan: &&Plan| plan.layout == *layout && plan.goal == *goal;
         let found = |plans: &Vec<Plan>| {
@@ -252,6 +266,7 @@ pub(crate) fn assemble<T: Scalar>(
     let step = scenario.time.step;
     let ticks = |period: f64| -> u64 { (period / step).round().max(1.0) as u64 };
     let ground = build::ground_of(&scenario.terrain, values);
+    let relief = plans.relief(loaded)?;
     let key = (scenario.seed, trial);
     let mut robots = Vec::new();
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
@@ -274,7 +289,7 @@ pub(crate) fn assemble<T: Scalar>(
         let drives = build::drive_model(robot);
         let platform = build::platform_of(file, drives, ground.gravity_normal, &path, values)
             .expect("a checked platform can be built");
-        let contacts = build::contacts(file, &scenario.terrain, &path, values);
+        let contacts = build::contacts(file, &scenario.terrain, relief.clone(), &path, values);
         let angles = build::start_angles(file);
         let pose = robot.pose.map(T::from);
         let start = Start {
@@ -359,6 +374,7 @@ pub(crate) fn assemble<T: Scalar>(
             key,
             values,
             pool: &plans.plugins,
+            relief: relief.as_ref(),
             reach: reach(robot, &platform, &plant, &sensors),
             outsides: &mut outsides,
         };
@@ -416,6 +432,7 @@ pub(crate) fn assemble<T: Scalar>(
         integrators,
         outsides,
         reaches,
+        relief,
     })
 }
 
@@ -474,6 +491,7 @@ impl Run {
                 &paths,
                 &assembly.assignments,
                 &assembly.integrators,
+                assembly.relief.as_deref(),
             ),
         };
         let run = Run {

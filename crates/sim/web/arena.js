@@ -5,6 +5,7 @@
 
 import { DARK, FONT, LIGHT, clamp, colorName, escapeText, eventMark, label, multiples, niceStep, pathText, pictureStyle, plain, px, roundUp, simplify, textWidth, tickText, viridis } from './draw.js';
 import { stateAt, tellingTime, tracksOf } from './run.js';
+import { drawRelief } from './terrain.js';
 
 /** @typedef {import('./draw.js').Point} Point */
 /** @typedef {import('./run.js').Run} Run */
@@ -181,7 +182,7 @@ export function drawOrigin(view) {
 }
 
 /**
- * Contours and shading of a plane, and patches of other friction. `step` is the height between two
+ * Contours and shading of the ground, and patches of other friction. `step` is the height between two
  * contours, m.
  * @param {View} view
  * @param {Run} run
@@ -190,6 +191,11 @@ export function drawOrigin(view) {
 export function drawTerrain(view, run, id) {
   const { terrain, size: [w, h] } = run.arena;
   const patches = (run.arena.patches || []).map(({ low, high, friction }) => `<rect x="${px(view.x(low[0]))}" y="${px(view.y(high[1]))}" width="${px((high[0] - low[0]) * view.scale)}" height="${px((high[1] - low[1]) * view.scale)}" class="patch"/>${label(view.x(low[0]) + 5, view.y(high[1]) + 14, `μ ${plain(friction)}`, 'note halo')}`).join('');
+  if (terrain.kind === 'uneven') {
+    const { svg, step } = drawRelief(view, terrain);
+    const clip = `<clipPath id="${id}-floor"><rect x="${px(view.x(0))}" y="${px(view.y(h))}" width="${px(w * view.scale)}" height="${px(h * view.scale)}"/></clipPath>`;
+    return { svg: `${clip}<g clip-path="url(#${id}-floor)">${svg}</g>${patches}`, step };
+  }
   if (terrain.kind !== 'plane' || !(Math.abs(terrain.slope_deg) > 0)) return { svg: patches, step: 0 };
   const rise = Math.tan(Math.abs(terrain.slope_deg) * Math.PI / 180);
   const heading = (terrain.downhill_heading_deg + (terrain.slope_deg < 0 ? 180 : 0)) * Math.PI / 180;
@@ -882,7 +888,7 @@ export function drawArena(run, options = {}) {
   const bar = niceStep(Math.min(140, w * scale * 0.4) / scale, 1);
   const barBox = corner(bar * scale, 24);
   let furniture = drawScaleBar(barBox.x, barBox.y + 19, bar, scale);
-  if (terrain.step > 0) { const b = corner(96, 30); furniture += downhillArrow(run, b.x, b.y); }
+  if (terrain.step > 0 && run.arena.terrain.kind === 'plane') { const b = corner(96, 30); furniture += downhillArrow(run, b.x, b.y); }
 
   const paths = run.robots.map(robot => robot.path && robot.path.length > 1 ? `<path d="${pathText(simplify(robot.path.map(p => [view.x(p[0]), view.y(p[1])]), 0.15))}" class="ref"/>` : '').join('');
   const trails = run.robots.map((_, i) => `<g data-robot="${i}">${drawTrail(view, run, i, fastest)}</g>`).join('');

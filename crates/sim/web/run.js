@@ -66,7 +66,7 @@
 /** @typedef {{ run: number, time: number[], values: number[] }} Distance */
 /** @typedef {{ note: string, runs: ComparedRun[], reference: number, distance: Distance[] }} Comparison */
 /** @typedef {{ name: string, position: [number, number], radius: number }} Beacon */
-/** @typedef {{ kind: 'flat' } | { kind: 'plane', slope_deg: number, downhill_heading_deg: number }} Terrain */
+/** @typedef {{ kind: 'flat' } | { kind: 'plane', slope_deg: number, downhill_heading_deg: number } | import('./terrain.js').Relief} Terrain */
 /** @typedef {{ low: [number, number], high: [number, number], friction: number }} Patch a rectangle of other friction, m */
 /**
  * @typedef {object} Run

@@ -117,14 +117,17 @@ fused! {
         let stage = T::from(SHARE * dt);
         room.begin.copy_from_slice(x);
         room.from.copy_from_slice(x);
-        if !system.euler(u, stage, room.from, x, mode) {
+        let lie = system.lie_ahead(stage, room.from, x, system.stance(x).as_ref());
+        if !system.euler(u, stage, room.from, x, mode, lie.as_ref()) {
             return false;
         }
         let ahead = T::from((1.0 - SHARE) / SHARE);
         for k in 0..x.len() {
             room.from[k] = ahead.mul_add(x[k] - room.begin[k], room.begin[k]);
         }
-        let found = system.euler(u, stage, room.from, x, mode);
+        let before = lie.as_ref().map(|lie| &lie.stance);
+        let lie = system.lie_ahead(stage, room.from, x, before);
+        let found = system.euler(u, stage, room.from, x, mode, lie.as_ref());
         system.platform.renew_angles(x);
         found
     }
@@ -135,13 +138,19 @@ impl<T: Scalar> Slip<T> {
     /// end, if the result is true. Newton's method on the velocities of base and wheels together: currents and deflections
     /// follow from these, loads from the last iteration.
     #[inline(always)]
-    fn euler(&self, u: &[T], step: T, from: &[T], x: &mut [T], mode: &mut [T]) -> bool {
+    fn euler(
+        &self,
+        u: &[T],
+        step: T,
+        from: &[T],
+        x: &mut [T],
+        mode: &mut [T],
+        lie: Option<&Lie<T>>,
+    ) -> bool {
         let layout = self.layout();
         let (n, at, wheels) = (layout.dof(), layout.velocity(), layout.wheels);
         let per_step = T::one() / step;
         let brake = u[layout.brake_input()];
-        let lie = self.lie_ahead(step, from, x);
-        let lie = lie.as_ref();
         let mut found = false;
         let mut loads = [T::zero(); MAX_WHEELS];
         for attempt in 0..TRIES {

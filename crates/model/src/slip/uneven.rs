@@ -11,7 +11,7 @@ use crate::support::Support;
 
 /// Least share of its load at rest that a contact keeps under its own force, and the inverse of the
 /// largest: where a wheel wedges itself against an edge, rigid bodies know no bound.
-const WEDGED: f64 = 0.1;
+const WEDGED: f64 = 0.5;
 
 /// How a robot lies on uneven ground.
 #[derive(Clone, Copy, Debug)]
@@ -197,10 +197,16 @@ impl<T: Scalar> Slip<T> {
         Some(Lie::new(self.stance(x)?, self, support))
     }
 
-    /// How it lies at the end of a step from the state `from`, by the velocities in x: off by what the
-    /// square of the step makes of accelerations.
-    pub(super) fn lie_ahead(&self, step: T, from: &[T], x: &mut [T]) -> Option<Lie<T>> {
-        let before = self.stance(from)?;
+    /// How it lies at the end of a step from the state `from`, by the velocities in x and the rates of a
+    /// stance near by: off by what the square of the step makes of accelerations.
+    pub(super) fn lie_ahead(
+        &self,
+        step: T,
+        from: &[T],
+        x: &mut [T],
+        before: Option<&Stance<T>>,
+    ) -> Option<Lie<T>> {
+        let before = before?;
         let at = self.layout().velocity();
         let [x_rate, y_rate, yaw_rate] = before.pose_rates(vec2(x[at], x[at + 1]), x[at + 2]);
         x[0] = step.mul_add(x_rate, from[0]);

@@ -1,5 +1,7 @@
 //! Heights at the nodes of a grid, smooth between them.
 
+use std::sync::Arc;
+
 use crate::planar::{Vec2, vec2};
 
 /// Heights at the nodes of a regular grid, between them by cubic convolution (Catmull–Rom): continuous
@@ -10,7 +12,8 @@ pub struct Grid {
     spacing: [f64; 2],
     columns: usize,
     rows: usize,
-    heights: Vec<f64>,
+    /// Shared by all that stand on it.
+    heights: Arc<[f64]>,
 }
 
 impl Grid {
@@ -32,7 +35,7 @@ impl Grid {
             spacing,
             columns,
             rows,
-            heights,
+            heights: heights.into(),
         })
     }
 

@@ -3,6 +3,7 @@
 mod control;
 mod noise;
 mod platform;
+mod relief;
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -12,6 +13,7 @@ use super::*;
 use control::{check_controllers, check_swaps, check_task};
 use noise::{check_statistics, check_wheel_noise};
 use platform::platform_rules;
+use relief::check_relief;
 
 struct Checker {
     problems: Problems,
@@ -293,32 +295,30 @@ fn check_terrain(c: &mut Checker, terrain: &Terrain) {
         }
         check_friction(c, path("friction"), patch.friction);
     }
-    let (gravity, friction) = match terrain {
-        Terrain::Flat {
-            gravity, friction, ..
-        } => (gravity, friction),
-        Terrain::Plane {
-            slope_deg,
-            downhill_heading_deg,
-            gravity,
-            friction,
-            ..
-        } => {
-            if !(0.0..=60.0).contains(slope_deg) {
-                c.refuse(
-                    "terrain.slope_deg",
-                    format!("must be in [0, 60], got {}", number(*slope_deg)),
-                    "for another direction turn terrain.downhill_heading_deg",
-                );
-            }
-            c.finite("terrain.downhill_heading_deg".into(), *downhill_heading_deg);
-            (gravity, friction)
-        }
-    };
-    c.not_negative("terrain.gravity".into(), *gravity);
-    if let Some(friction) = friction {
-        check_friction(c, "terrain.friction".into(), *friction);
+    if let Terrain::Plane {
+        slope_deg,
+        downhill_heading_deg,
+        ..
+    } = terrain
+    {
+        check_slope(c, "terrain", *slope_deg, *downhill_heading_deg);
     }
+    check_relief(c, terrain.relief());
+    c.not_negative("terrain.gravity".into(), terrain.gravity());
+    if let Some(friction) = terrain.friction() {
+        check_friction(c, "terrain.friction".into(), friction);
+    }
+}
+
+fn check_slope(c: &mut Checker, base: &str, slope_deg: f64, downhill_heading_deg: f64) {
+    if !(0.0..=60.0).contains(&slope_deg) {
+        c.refuse(
+            format!("{base}.slope_deg"),
+            format!("must be in [0, 60], got {}", number(slope_deg)),
+            &format!("for another direction turn {base}.downhill_heading_deg"),
+        );
+    }
+    c.finite(format!("{base}.downhill_heading_deg"), downhill_heading_deg);
 }
 
 /// The rules of robots by count.
