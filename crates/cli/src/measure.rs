@@ -46,7 +46,7 @@ pub fn measure(options: &MeasureOptions) -> u8 {
 
 fn table(all: &[Measures], test: Test) -> String {
     let mut text = format!(
-        "friction {}; after ISO 18646-1, without its sill\n\n{:22} {:8} {:>14} {:>16} {:>11} {:>14} {:>12} {:>16}\n",
+        "friction {}; after ISO 18646-1\n\n{:22} {:8} {:>14} {:>16} {:>11} {:>14} {:>12} {:>16} {:>9}\n",
         test.friction,
         "robot",
         "level",
@@ -55,11 +55,12 @@ fn table(all: &[Measures], test: Test) -> String {
         "time, s",
         "steepest, °",
         "limited by",
-        format!("on {}°, m/s", test.slope_deg)
+        format!("on {}°, m/s", test.slope_deg),
+        "sill, mm"
     );
     for one in all {
         text.push_str(&format!(
-            "{:22} {:8} {:>14.3} {:>16.3} {:>11.2} {:>14.1} {:>12} {:>16}\n",
+            "{:22} {:8} {:>14.3} {:>16.3} {:>11.2} {:>14.1} {:>12} {:>16} {:>9}\n",
             one.robot,
             one.level,
             one.rated_speed,
@@ -69,6 +70,8 @@ fn table(all: &[Measures], test: Test) -> String {
             one.limit,
             one.slope_speed
                 .map_or("too steep".into(), |v| format!("{v:.3}")),
+            one.sill
+                .map_or("–".into(), |rise| format!("{:.0}", 1000.0 * rise)),
         ));
     }
     text.trim_end().to_owned()

@@ -11,7 +11,7 @@ use crate::platform::{MAX_WHEELS, Platform, YAW};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::MAX_DOF;
 use crate::support::Support;
-use crate::terrain::{Disc, Terrain};
+use crate::terrain::{Disc, Share, Terrain, Touch};
 use crate::wheel::Steering;
 
 /// Height of the base's origin over the map, m, roll and pitch, rad.
@@ -86,6 +86,8 @@ const TRIES: usize = 60;
 const CLOSE: f64 = 1e-15;
 /// The same that is none where rounding lets it come no closer, for stiff wheels make much of little.
 const ENOUGH: f64 = 1e-12;
+/// The same at which it stands all the same: a tenth of what tires give.
+const CLOSE_ENOUGH: f64 = 1e-4;
 /// Share of its stiffness that a wheel in the air keeps in the search.
 const TRACE: f64 = 1e-6;
 
@@ -215,6 +217,8 @@ impl<T: Scalar> Footing<T> {
             before = largest;
             look = self.look(platform, x, attitude);
         }
+        // Where the ground under a wheel changes from place to place it may find no end, and be close.
+        found |= before <= CLOSE_ENOUGH;
         let tilt = attitude[1].abs().max(attitude[2].abs());
         let upright = tilt.less_equal(T::from(FALLEN)).all();
         look.stance.attitude = attitude;
@@ -273,8 +277,7 @@ impl<T: Scalar> Footing<T> {
             standing: Standing::Stands,
         };
         let axes = [forward, left, normal];
-        let mut contacts = [Contact::none(); MAX_CONTACTS];
-        let mut count = 0;
+        let mut contacts = [Contact::none(); MAX_WHEELS];
         for (i, wheel) in platform.wheels().iter().enumerate() {
             let frame = platform.wheel_frame(i, x);
             let hub = place([wheel.mount.x, wheel.mount.y, wheel.radius]);
@@ -294,16 +297,11 @@ impl<T: Scalar> Footing<T> {
                 up: normal.map(|a| a.lane(0)),
                 radius: wheel.radius.lane(0),
             };
-            for (rank, touch) in self
-                .terrain
-                .touches(&disc)
-                .into_iter()
-                .flatten()
-                .enumerate()
-            {
-                if touch.is_wall && stance.standing == Standing::Stands {
-                    stance.standing = Standing::Blocked(i);
-                }
+            let (first, second) = self.terrain.touches(&disc, SAG * disc.radius);
+            if first.is_wall && stance.standing == Standing::Stands {
+                stance.standing = Standing::Blocked(i);
+            }
+            let meet = |touch: &Touch| {
                 // The point of the rim that touches, from P.
                 let s = T::from(touch.ahead);
                 let below = ((wheel.radius - s) * (wheel.radius + s)).sqrt();
@@ -317,78 +315,88 @@ impl<T: Scalar> Footing<T> {
                     x[1] + arm[1] - T::from((x[1] + arm[1]).lane(0)),
                     attitude[0] + arm[2] - T::from((attitude[0] + arm[2]).lane(0)),
                 ];
-                let depth = T::from(touch.depth) - dot3(moved, pushed);
                 let moment = cross(arm, pushed);
                 let [within_x, within_y, out] = axes.map(|axis| dot3(axis, pushed));
-                contacts[count] = Contact {
-                    wheel: i,
-                    is_second: rank > 0,
-                    load: self.stiffness[i].mul_add(depth, self.level[i]),
+                let rows = Rows {
                     out: [out, dot3(forward, moment), dot3(left, moment)],
                     within: [within_x, within_y, dot3(normal, moment)],
                     turned: [T::one(), dot3(forward, moment), dot3(aside, moment)],
-                    // About the axis of its steering, which it touches the ground ahead of.
                     twist: s * dot3(cross(normal, ahead), pushed),
                 };
-                count += 1;
-            }
+                (rows, T::from(touch.depth) - dot3(moved, pushed))
+            };
+            let (rows, depth) = meet(&first);
+            let load = self.stiffness[i].mul_add(depth, self.level[i]);
+            contacts[i] = match second {
+                None => Contact {
+                    load,
+                    parts: [rows, Rows::none()],
+                    share: T::zero(),
+                    rate: T::zero(),
+                },
+                Some((touch, Share { share, rate })) => {
+                    let (other, own) = meet(&touch);
+                    // Plain numbers know the share; those with derivatives to first order.
+                    let over = own - depth;
+                    let share = T::from(rate).mul_add(over - T::from(over.lane(0)), T::from(share));
+                    Contact {
+                        load,
+                        parts: [rows, other],
+                        share,
+                        rate: T::from(rate),
+                    }
+                }
+            };
         }
-        let contacts = &contacts[..count];
+        let contacts = &contacts[..platform.wheels().len()];
         let Some(lifted) = self.lift(contacts, force.map(|f| f.lane(0))) else {
-            stance.standing = Standing::Falls;
+            if stance.standing == Standing::Stands {
+                stance.standing = Standing::Falls;
+            }
             return Look {
                 stance,
                 force,
                 change,
             };
         };
-        // What acts on each wheel in all, in the plane of the chassis and along its normal.
-        let mut whole = [[T::zero(); 3]; MAX_WHEELS];
-        let mut twists = [T::zero(); MAX_WHEELS];
-        for (contact, &is_lifted) in contacts.iter().zip(&lifted) {
-            let i = contact.wheel;
-            let Contact {
-                out,
-                within,
-                turned,
-                ..
-            } = contact;
-            if !contact.is_second {
-                stance.gradients[i] = vec2(within[0], within[1]) * (-T::one() / out[0]);
-            }
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let contact = &contacts[i];
             // A wheel in the air keeps a trace of stiffness: two wheels alone would have none to roll by.
-            let (load, stiffness) = match (is_lifted, contact.is_second) {
-                (false, _) => (contact.load, self.stiffness[i]),
-                (true, false) => (T::zero(), self.stiffness[i] * T::from(TRACE)),
-                (true, true) => continue,
+            let (load, stiffness) = if lifted[i] {
+                (T::zero(), self.stiffness[i] * T::from(TRACE))
+            } else {
+                (contact.load, self.stiffness[i])
             };
-            if !is_lifted {
-                stance.lifted[i] = T::Mask::splat(false);
-            }
+            stance.lifted[i] = T::Mask::splat(lifted[i]);
+            let whole = contact.whole();
+            let [within, out] = [whole.within, whole.out];
             for a in 0..3 {
                 force[a] = load.mul_add(out[a], force[a]);
                 stance.push[a] = load.mul_add(within[a], stance.push[a]);
+            }
+            let [first, second] = &contact.parts;
+            // As the load grows with the depth of the first, and as it passes to the second.
+            let passed = load * contact.rate;
+            for a in 0..3 {
                 let stiff = stiffness * out[a];
-                for b in 0..3 {
-                    change[a][b] = stiff.mul_add(turned[b], change[a][b]);
-                    heave[a][b] = stiff.mul_add(out[b], heave[a][b]);
-                    drawn[a][b] = stiff.mul_add(within[b], drawn[a][b]);
-                }
+                let turns = passed * (second.out[a] - first.out[a]);
+                let add = |matrix: &mut [[T; 3]; 3], one: &[T; 3], two: &[T; 3]| {
+                    for b in 0..3 {
+                        let grown = stiff.mul_add(one[b], matrix[a][b]);
+                        matrix[a][b] = turns.mul_add(two[b] - one[b], grown);
+                    }
+                };
+                add(&mut change, &first.turned, &second.turned);
+                add(&mut heave, &first.out, &second.out);
+                add(&mut drawn, &first.within, &second.within);
             }
-            for (sum, part) in whole[i].iter_mut().zip([within[0], within[1], out[0]]) {
-                *sum = load.mul_add(part, *sum);
-            }
-            twists[i] = load.mul_add(contact.twist, twists[i]);
+            stance.gradients[i] = vec2(within[0], within[1]) * (-T::one() / out[0]);
+            let across = within[0].mul_add(within[0], within[1] * within[1]);
+            stance.loads[i] = load * out[0].mul_add(out[0], across).sqrt();
             let elastic = T::from(0.5) * load * load / self.stiffness[i];
             stance.potential += elastic;
-        }
-        for (i, wheel) in platform.wheels().iter().enumerate() {
-            if stance.lifted[i].any() {
-                continue;
-            }
-            let [ahead, aside, out] = whole[i];
-            stance.loads[i] = dot3(whole[i], whole[i]).sqrt();
-            stance.gradients[i] = vec2(ahead, aside) * (-T::one() / out);
+            // About the axis of its steering, which it touches the ground ahead of.
+            let twist = load * whole.twist;
             match wheel.steering {
                 // A caster that the ground turns takes the base with it.
                 Steering::Free { .. } => {
@@ -398,12 +406,12 @@ impl<T: Scalar> Footing<T> {
                         .enumerate()
                     {
                         let rate = platform.caster_rate(i, &frame, unit, T::zero());
-                        stance.push[k] = twists[i].mul_add(rate, stance.push[k]);
+                        stance.push[k] = twist.mul_add(rate, stance.push[k]);
                     }
                     let rate = platform.caster_rate(i, &frame, Vec2::zero(), T::one());
-                    stance.push[2] = twists[i].mul_add(rate, stance.push[2]);
+                    stance.push[2] = twist.mul_add(rate, stance.push[2]);
                 }
-                _ => stance.twists[i] = twists[i],
+                _ => stance.twists[i] = twist,
             }
         }
         // As it moves in its plane it heaves, rolls and pitches so that its wheels stay on the ground.
@@ -424,22 +432,22 @@ impl<T: Scalar> Footing<T> {
         }
     }
 
-    /// Which contacts lift where they, as they are at an attitude, and a weight with its moments
+    /// Which wheels lift where their contacts, as they are at an attitude, and a weight with its moments
     /// about the forward and left axes come to rest; `None` where they do not.
     ///
     /// Contacts push and do not pull, so the energy over small heave, roll and pitch of the chassis is
     /// convex, of second degree in pieces: each step of Newton's method goes as far along its direction as the
     /// energy falls, and the steps end in the piece that holds the least.
-    fn lift(&self, contacts: &[Contact<T>], weight: [f64; 3]) -> Option<[bool; MAX_CONTACTS]> {
+    fn lift(&self, contacts: &[Contact<T>], weight: [f64; 3]) -> Option<[bool; MAX_WHEELS]> {
         let count = contacts.len();
-        let mut rows = [[0.0; 3]; MAX_CONTACTS];
-        let (mut loads, mut stiffness) = ([0.0; MAX_CONTACTS], [0.0; MAX_CONTACTS]);
+        let mut rows = [[0.0; 3]; MAX_WHEELS];
+        let (mut loads, mut stiffness) = ([0.0; MAX_WHEELS], [0.0; MAX_WHEELS]);
         for (i, contact) in contacts.iter().enumerate() {
-            rows[i] = contact.out.map(|entry| entry.lane(0));
+            rows[i] = contact.whole().out.map(|entry| entry.lane(0));
             loads[i] = contact.load.lane(0);
-            stiffness[i] = self.stiffness[contact.wheel].lane(0);
+            stiffness[i] = self.stiffness[i].lane(0);
         }
-        let mut lifted = [false; MAX_CONTACTS];
+        let mut lifted = [false; MAX_WHEELS];
         for i in 0..count {
             lifted[i] = loads[i] < 0.0;
         }
@@ -447,11 +455,7 @@ impl<T: Scalar> Footing<T> {
             let mut force = weight;
             let mut stiff = [[0.0; 3]; 3];
             for i in 0..count {
-                let kept = match (lifted[i], contacts[i].is_second) {
-                    (false, _) => 1.0,
-                    (true, false) => TRACE,
-                    (true, true) => 0.0,
-                };
+                let kept = if lifted[i] { TRACE } else { 1.0 };
                 for a in 0..3 {
                     force[a] += if lifted[i] {
                         0.0
@@ -465,9 +469,9 @@ impl<T: Scalar> Footing<T> {
             }
             let change = solve3(&stiff, force);
             // What each load falls by over the whole step; the slope of the energy along it.
-            let mut falls = [0.0; MAX_CONTACTS];
+            let mut falls = [0.0; MAX_WHEELS];
             let (mut slope, mut growth) = (-dot3(weight, change), 0.0);
-            let mut bends = [(f64::INFINITY, 0); MAX_CONTACTS];
+            let mut bends = [(f64::INFINITY, 0); MAX_WHEELS];
             for i in 0..count {
                 falls[i] = stiffness[i] * dot3(rows[i], change);
                 let along = falls[i] / stiffness[i];
@@ -517,19 +521,12 @@ impl<T: Scalar> Footing<T> {
     }
 }
 
-/// Most contacts: a wheel in a corner has two.
-const MAX_CONTACTS: usize = 2 * MAX_WHEELS;
-
-/// A wheel on the ground, at an attitude.
+/// What a unit of force at a contact does, and how the contact moves with the chassis.
 #[derive(Clone, Copy)]
-struct Contact<T> {
-    wheel: usize,
-    is_second: bool,
-    /// What it bears, N; below zero it would pull.
-    load: T,
-    /// What a unit of it does along the normal of the chassis, and about its forward and left axes.
+struct Rows<T> {
+    /// Along the normal of the chassis, and about its forward and left axes.
     out: [T; 3],
-    /// What it does in the plane of the chassis: forward, to the left, and about its normal.
+    /// In the plane of the chassis: forward, to the left, and about its normal.
     within: [T; 3],
     /// How much deeper it is for less height, roll and pitch.
     turned: [T; 3],
@@ -537,17 +534,53 @@ struct Contact<T> {
     twist: T,
 }
 
-impl<T: Scalar> Contact<T> {
+/// A wheel on the ground, at an attitude.
+#[derive(Clone, Copy)]
+struct Contact<T> {
+    /// What it bears, N; below zero it would pull.
+    load: T,
+    /// Where it touches: on one place, or shared by two.
+    parts: [Rows<T>; 2],
+    /// Share of the second, and how fast that grows with its depth over that of the first, 1/m.
+    share: T,
+    rate: T,
+}
+
+impl<T: Scalar> Rows<T> {
     fn none() -> Self {
         let none = [T::zero(); 3];
-        Contact {
-            wheel: 0,
-            is_second: false,
-            load: T::zero(),
+        Rows {
             out: none,
             within: none,
             turned: none,
             twist: T::zero(),
+        }
+    }
+}
+
+impl<T: Scalar> Contact<T> {
+    fn none() -> Self {
+        Contact {
+            load: T::zero(),
+            parts: [Rows::none(); 2],
+            share: T::zero(),
+            rate: T::zero(),
+        }
+    }
+
+    /// What a unit of its load does.
+    fn whole(&self) -> Rows<T> {
+        let [first, second] = &self.parts;
+        let mix = |a: T, b: T| self.share.mul_add(b - a, a);
+        let mixed = |a: &[T; 3], b: &[T; 3]| [0, 1, 2].map(|k| mix(a[k], b[k]));
+        match self.share.lane(0) > 0.0 {
+            false => *first,
+            true => Rows {
+                out: mixed(&first.out, &second.out),
+                within: mixed(&first.within, &second.within),
+                turned: mixed(&first.turned, &second.turned),
+                twist: mix(first.twist, second.twist),
+            },
         }
     }
 }

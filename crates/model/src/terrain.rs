@@ -141,12 +141,13 @@ impl Terrain {
     /// Where a disc touches: of the points Q(s) = C + s f − √(r² − s²) n of its lower half that one with
     /// the largest h(Q) − Q_z. `[eq:envelope]`
     pub fn touch(&self, disc: &Disc) -> Touch {
-        self.touches(disc)[0].expect("a disc is nearest to the ground somewhere")
+        self.touches(disc, 0.0).0
     }
 
-    /// The same, and the deepest of the points beyond a place that is less deep than both, if there is
-    /// any: in the corner of a step a wheel touches twice.
-    pub fn touches(&self, disc: &Disc) -> [Option<Touch>; 2] {
+    /// The same; and of the peaks beyond a valley that are less deep by no more than `within`, m, that
+    /// one which stands out most over its valley, or over what is too little, with the share of it
+    /// in what both stand out together: 0 to ½.
+    pub fn touches(&self, disc: &Disc, within: f64) -> (Touch, Option<(Touch, Share)>) {
         let rim = Rim::new(self, disc);
         let is_inside = |s: f64| {
             let [x, y, z] = [0, 1, 2].map(|k| disc.center[k] + s * disc.forward[k]);
@@ -181,27 +182,61 @@ impl Terrain {
             offer(place, None);
         }
         let probes = &probes[..count];
-        // Of equal ones the nearest to the middle, that flat ground has no side.
-        let is_better = |a: &Probe, b: &Probe| {
-            a.depth > b.depth || (a.depth == b.depth && a.place.abs() < b.place.abs())
-        };
         let is_peak = |k: usize| {
             let before = k == 0 || probes[k].depth > probes[k - 1].depth;
             before && (k + 1 == count || probes[k].depth >= probes[k + 1].depth)
         };
-        let mut best = [None; 2];
-        for k in (0..count).filter(|&k| is_peak(k)) {
-            let over = |rank: usize| {
-                best[rank].is_none_or(|other: usize| is_better(&probes[k], &probes[other]))
-            };
-            if over(0) {
-                best = [Some(k), best[0]];
-            } else if over(1) {
-                best[1] = Some(k);
+        // Of equal ones the nearest to the middle, that flat ground has no side.
+        let is_better = |a: &Probe, b: &Probe| {
+            a.depth > b.depth || (a.depth == b.depth && a.place.abs() < b.place.abs())
+        };
+        let mut best = 0;
+        for k in 1..count {
+            if is_better(&probes[k], &probes[best]) {
+                best = k;
             }
         }
-        best.map(|k| Some(rim.refined(&probes[k?], edges, is_wall)))
+        let mut first = rim.refined(&probes[best], edges, is_wall);
+        let mut second: Option<(Touch, f64)> = None;
+        // What lies deep enough to have a part, were it refined.
+        let slack = within + rim.reach / f64::from(TRIES * TRIES);
+        let others = (0..count).filter(|&k| k != best && is_peak(k));
+        for k in others.filter(|&k| probes[k].depth > probes[best].depth - slack) {
+            let between = if k < best { k..best } else { best..k };
+            let valley = probes[between].iter().map(|probe| probe.depth);
+            let valley = valley.fold(f64::INFINITY, f64::min);
+            let touch = rim.refined(&probes[k], edges, is_wall);
+            if second.is_none_or(|(other, _)| touch.depth > other.depth) {
+                second = Some((touch, valley));
+            }
+        }
+        let Some((mut other, valley)) = second else {
+            return (first, None);
+        };
+        if other.depth > first.depth {
+            (first, other) = (other, first);
+        }
+        let floor = valley.max(first.depth - within);
+        let (own, out) = (first.depth - floor, other.depth - floor);
+        if !(out > 0.0 && own > 0.0) {
+            return (first, None);
+        }
+        let sum = own + out;
+        let share = Share {
+            share: out / sum,
+            rate: own / (sum * sum),
+        };
+        (first, Some((other, share)))
     }
+}
+
+/// What a second peak has of a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Share {
+    /// Its share, 0 to ½.
+    pub share: f64,
+    /// How fast that grows with its depth over that of the first, 1/m.
+    pub rate: f64,
 }
 
 /// A place on a rim.

@@ -1,8 +1,8 @@
 //! What a robot does, by the measures of ISO 18646-1: rated speed, stopping, steepest slope, speed on a
-//! slope. Each is a run of its own, at the level whose wheels slip, where the robot has it.
+//! slope, highest sill. Each is a run of its own, at the level whose wheels slip, where the robot has it.
 //!
 //! ISO 18646-1:2016, *Robotics – Performance criteria and related test methods for service robots –
-//! Part 1: Locomotion for wheeled robots*. The sill of its clause on mobility needs ground with steps.
+//! Part 1: Locomotion for wheeled robots*.
 
 use std::path::Path;
 
@@ -42,11 +42,16 @@ pub struct Measures {
     pub limit: &'static str,
     /// Speed that it keeps uphill on the slope of the test, m/s; none where it is too steep.
     pub slope_speed: Option<f64>,
+    /// Highest step up that all its wheels come over, m, at three tenths of the rated speed; none where
+    /// uneven ground does not know the robot.
+    pub sill: Option<f64>,
 }
 
 /// Steepest slope that is tried, degrees, and how finely.
 const STEEPEST: f64 = 60.0;
 const HALVINGS: usize = 8;
+/// How finely the highest sill is sought, as a share of the largest radius: a hundredth.
+const SILL_HALVINGS: usize = 7;
 /// Time to reach a speed, and then to stop, s.
 const RUN_UP: f64 = 10.0;
 const STOP: f64 = 10.0;
@@ -71,7 +76,7 @@ pub fn measure(file: &Path, test: Test) -> Result<Measures, String> {
         },
         fastest,
     };
-    let level_run = course.run(0.0, fastest, RUN_UP, STOP)?;
+    let level_run = course.run(&Ground::Slope(0.0), fastest, RUN_UP, STOP)?;
     let speeds = column(&level_run, "twist.forward");
     let xs = column(&level_run, "pose.x");
     let at = |t: f64| level_run.times.partition_point(|&time| time < t - 1e-9);
@@ -103,7 +108,7 @@ pub fn measure(file: &Path, test: Test) -> Result<Measures, String> {
         low = STEEPEST;
     }
     let slope_speed = if test.slope_deg <= low {
-        let run = course.run(test.slope_deg, fastest, RUN_UP, 0.0)?;
+        let run = course.run(&Ground::Slope(test.slope_deg), fastest, RUN_UP, 0.0)?;
         column(&run, "twist.forward").last().copied()
     } else {
         None
@@ -117,7 +122,16 @@ pub fn measure(file: &Path, test: Test) -> Result<Measures, String> {
         slope_max_deg: low,
         limit,
         slope_speed,
+        sill: course.sill(slow)?,
     })
+}
+
+/// What is driven on.
+enum Ground {
+    /// A plane that rises ahead, degrees.
+    Slope(f64),
+    /// A step up of a rise ahead, both m.
+    Sill { ahead: f64, rise: f64 },
 }
 
 /// Largest speed straight ahead that the drives' rates allow, m/s.
@@ -152,23 +166,32 @@ fn column<'a>(recording: &'a Recording, signal: &str) -> &'a [f64] {
 }
 
 impl Course<'_> {
-    /// Straight ahead, uphill, at a commanded speed for a time, s, and then to a stop.
-    fn run(&self, slope: f64, speed: f64, ahead: f64, stop: f64) -> Result<Recording, String> {
+    /// Straight ahead, at a commanded speed for a time, s, and then to a stop.
+    fn run(&self, ground: &Ground, speed: f64, ahead: f64, stop: f64) -> Result<Recording, String> {
         let file = std::fs::canonicalize(self.file).map_err(|error| error.to_string())?;
         let length = 20.0 + 2.0 * self.fastest * (ahead + stop);
+        let middle = 0.5 * length;
+        let terrain = match ground {
+            Ground::Slope(slope) => {
+                format!("kind = \"plane\"\nslope_deg = {slope:?}\ndownhill_heading_deg = 180.0\n")
+            }
+            Ground::Sill { ahead, rise } => format!(
+                "kind = \"uneven\"\nrelief = [{{ kind = \"step\", at = [{:?}, 0.0], rise = {rise:?} }}]\n",
+                middle + ahead
+            ),
+        };
         let text = format!(
             "schema = 1\nname = \"measures\"\nseed = 1\n\
              [time]\nstep = 0.001\nduration = {duration:?}\n\
              [arena]\nsize = [{length:?}, 40.0]\n\
              [[arena.beacon]]\nname = \"mark\"\nposition = [1.0, 1.0]\n\
-             [terrain]\nkind = \"plane\"\nslope_deg = {slope:?}\ndownhill_heading_deg = 180.0\nfriction = {friction:?}\n\
+             [terrain]\nfriction = {friction:?}\n{terrain}\
              [[robot]]\nname = \"it\"\nfile = {file:?}\nlevel = \"{level}\"\npose = [{middle:?}, 20.0, 0.0]\n\
              [robot.controller]\nkind = \"signals\"\n\
              channel = [{{ to = \"forward\", signal = {{ kind = \"step\", at = {ahead:?}, before = {speed:?}, after = 0.0 }} }}]\n",
             duration = ahead + stop,
             friction = self.test.friction,
             level = self.level,
-            middle = 0.5 * length,
         );
         let loaded = scenario::load_text(&text, Path::new("measures.toml"), &Vec::new());
         let loaded = loaded.map_err(|error| error.to_string())?;
@@ -179,9 +202,45 @@ impl Course<'_> {
         Ok(memory.into_recording())
     }
 
+    /// Highest step that it comes over at a speed, m.
+    fn sill(&self, speed: f64) -> Result<Option<f64>, String> {
+        let radii = self.platform.wheel.iter().map(|wheel| wheel.radius);
+        let largest = radii.fold(0.0, f64::max);
+        if self.platform.trailer.is_some() || self.comes_over(1e-6, speed).is_err() {
+            return Ok(None);
+        }
+        // A step as high as a hub is a wall.
+        let (mut low, mut high) = (0.0, largest);
+        for _ in 0..SILL_HALVINGS {
+            let middle = 0.5 * (low + high);
+            match self.comes_over(middle, speed)? {
+                true => low = middle,
+                false => high = middle,
+            }
+        }
+        Ok(Some(low))
+    }
+
+    /// Whether all wheels come over a step at a speed.
+    fn comes_over(&self, rise: f64, speed: f64) -> Result<bool, String> {
+        let wheels = self.platform.wheel.iter();
+        let reach = |way: f64| {
+            let ends = wheels.clone().map(|w| way * w.mount[0] + w.radius);
+            ends.fold(0.0, f64::max)
+        };
+        let (front, rear) = (reach(1.0), reach(-1.0));
+        // A run-up, then as far as it is long, twice over: a step takes its time.
+        let ahead = front + 0.1;
+        let way = ahead + rear + 0.1;
+        let ground = Ground::Sill { ahead, rise };
+        let run = self.run(&ground, speed, (2.0 * way / speed).ceil(), 0.0)?;
+        let xs = column(&run, "pose.x");
+        Ok(xs[xs.len() - 1] - xs[0] > ahead + rear)
+    }
+
     /// What keeps it from climbing a slope at a speed; none if it does.
     fn climbs(&self, slope: f64, speed: f64) -> Result<Option<&'static str>, String> {
-        let run = self.run(slope, speed, CLIMB, 0.0)?;
+        let run = self.run(&Ground::Slope(slope), speed, CLIMB, 0.0)?;
         let speeds = column(&run, "twist.forward");
         let last = &speeds[speeds.len() - speeds.len() / 6..];
         let mean = last.iter().sum::<f64>() / last.len() as f64;

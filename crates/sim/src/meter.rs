@@ -90,6 +90,8 @@ struct Gauge<T> {
     first_slip: Vec<Option<Place>>,
     first_lift: Vec<Option<Place>>,
     first_tip: Vec<Option<Place>>,
+    /// Whether that was told.
+    tip_told: bool,
     speed: T,
     command_square: T,
     command_peak: T,
@@ -125,6 +127,7 @@ impl<T: Scalar> Gauge<T> {
             first_slip: nowhere(),
             first_lift: nowhere(),
             first_tip: nowhere(),
+            tip_told: false,
             speed: zero,
             command_square: zero,
             command_peak: zero,
@@ -325,6 +328,18 @@ impl Place {
 fn divided(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     let quotient = a? / b?;
     quotient.is_finite().then_some(quotient)
+}
+
+impl Meter<f64> {
+    /// The next robot that began to tip and was not told of: its place in the scenario, when, s, and
+    /// where, m.
+    pub(crate) fn next_tip(&mut self) -> Option<(usize, f64, [f64; 2])> {
+        let mut gauges = self.robots.iter_mut().enumerate();
+        let (k, gauge) = gauges.find(|(_, g)| !g.tip_told && g.first_tip[0].is_some())?;
+        gauge.tip_told = true;
+        let place = gauge.first_tip[0].as_ref()?;
+        Some((k, place.t, place.position))
+    }
 }
 
 impl<T: Scalar> Meter<T> {

@@ -567,7 +567,11 @@ impl Run {
         recorder: &mut dyn Recorder,
     ) -> Result<bool, SimError> {
         let limit = limit.min(self.change_due()?);
-        let mut listener = Measured { meter, recorder };
+        let mut listener = Measured {
+            scenario: &self.scenario,
+            meter,
+            recorder,
+        };
         self.world.advance_with(limit, &mut listener)
     }
 
@@ -584,6 +588,7 @@ impl Run {
 
 /// Measures a run on the way to its recorder.
 struct Measured<'a> {
+    scenario: &'a Scenario,
     meter: &'a mut Meter<f64>,
     recorder: &'a mut dyn Recorder,
 }
@@ -591,6 +596,15 @@ struct Measured<'a> {
 impl Listener<f64> for Measured<'_> {
     fn frame(&mut self, t: f64, row: &[f64], of: bool) -> Result<(), RecordError> {
         self.meter.add(t, row, of);
+        while let Some((robot, t, place)) = self.meter.next_tip() {
+            self.recorder.event(&Event {
+                t,
+                robot: self.scenario.robot[robot].name.clone(),
+                kind: "tip-over".into(),
+                text: "would tip over: its zero-moment point leaves the wheels".into(),
+                position: Some(place),
+            })?;
+        }
         self.recorder.frame(t, row)
     }
 

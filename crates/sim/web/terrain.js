@@ -50,29 +50,34 @@ function shadeRelief(view, { cell, columns, levels }) {
  * @param {number} step
  */
 function contourRelief(view, { cell, columns, low, high, levels }, step) {
-  const height = (/** @type {number} */ k) => low + (levels[k] / 1000) * (high - low);
   const rows = levels.length / columns;
+  // Levels of the contours, in the units of `levels`.
+  const span = (high - low) / 1000;
+  const first = Math.ceil(low / step) * step;
+  const ticks = multiples(low, high, step).map(level => (level - low) / span);
+  const start = (first - low) / span;
+  const every = step / span;
   let path = '';
-  for (const level of multiples(low, high, step)) {
-    if (!(level > low && level < high)) continue;
-    for (let row = 0; row + 1 < rows; row++) {
-      for (let column = 0; column + 1 < columns; column++) {
-        const k = row * columns + column;
-        // Corners in the order of a round, with the sides between them.
-        const corners = [[0, 0, k], [1, 0, k + 1], [1, 1, k + columns + 1], [0, 1, k + columns]];
-        const points = [];
-        for (let side = 0; side < 4; side++) {
-          const [ax, ay, a] = corners[side];
-          const [bx, by, b] = corners[(side + 1) % 4];
-          const [ha, hb] = [height(a), height(b)];
-          if (ha < level === hb < level) continue;
-          const part = (level - ha) / (hb - ha);
-          points.push([column + 0.5 + ax + (bx - ax) * part, row + 0.5 + ay + (by - ay) * part]);
-        }
-        for (let i = 0; i + 1 < points.length; i += 2) {
-          const [from, to] = [points[i], points[i + 1]].map(([x, y]) => `${px(view.x(x * cell))} ${px(view.y(y * cell))}`);
-          path += `M${from}L${to}`;
-        }
+  // Where a level cuts the side from one corner to the next, as words; nothing where it does not.
+  const cut = (/** @type {number} */ level, /** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ dx, /** @type {number} */ dy, /** @type {number} */ a, /** @type {number} */ b) => {
+    if (a < level === b < level) return '';
+    const part = (level - a) / (b - a);
+    return `${px(view.x((x + 0.5 + dx * part) * cell))} ${px(view.y((y + 0.5 + dy * part) * cell))}`;
+  };
+  for (let y = 0; y + 1 < rows; y++) {
+    for (let x = 0; x + 1 < columns; x++) {
+      const k = y * columns + x;
+      const a = levels[k];
+      const b = levels[k + 1];
+      const c = levels[k + columns + 1];
+      const d = levels[k + columns];
+      const least = Math.min(a, b, c, d);
+      const most = Math.max(a, b, c, d);
+      if (Math.ceil((least - start) / every) === Math.ceil((most - start) / every)) continue;
+      for (const level of ticks) {
+        if (level < least || level > most) continue;
+        const points = [cut(level, x, y, 1, 0, a, b), cut(level, x + 1, y, 0, 1, b, c), cut(level, x + 1, y + 1, -1, 0, c, d), cut(level, x, y + 1, 0, -1, d, a)].filter(Boolean);
+        for (let i = 0; i + 1 < points.length; i += 2) path += `M${points[i]}L${points[i + 1]}`;
       }
     }
   }
