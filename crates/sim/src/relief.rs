@@ -213,3 +213,6 @@ fn gridded(feature: &scenario::Relief, folder: &Path) -> Result<Grid, ElevationE
 pub(crate) fn nodes(shortest: f64, size: [f64; 2]) -> [usize; 2] {
     size.map(|length| (length * NODES_PER_WAVE / shortest).ceil() as usize + 1)
 }
+
+#[cfg(test)]
+mod tests;
