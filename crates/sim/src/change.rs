@@ -300,7 +300,7 @@ impl Run {
         }
     }
 
-    /// Names of a robot's controllers, and which of them drives.
+    /// Names of a robot's controllers, and which of them drives, or takes over at the next step.
     pub fn controllers(&self, robot: usize) -> (&[String], usize) {
         self.world.deciding(robot)
     }

@@ -524,7 +524,15 @@ impl World {
     /// Names of a robot's controllers, and which of them drives.
     pub(crate) fn deciding(&self, robot: usize) -> (&[String], usize) {
         let roster = &self.rosters[robot];
-        (&roster.names, roster.active)
+        // What takes over at the next step was chosen already.
+        let waiting = self.changes[self.next_change..].iter();
+        let due = waiting.take_while(|change| change.tick <= self.tick);
+        let chosen = due.filter(|change| change.robot == robot);
+        let chosen = chosen.filter_map(|change| match change.to {
+            To::Controller(place) => Some(place),
+            To::Model(_) => None,
+        });
+        (&roster.names, chosen.last().unwrap_or(roster.active))
     }
 
     /// Where a robot is, m.
