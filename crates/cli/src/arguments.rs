@@ -140,9 +140,9 @@ pub struct RunOptions {
 /// Options of `studio`.
 #[derive(Args)]
 pub struct StudioOptions {
-    /// A scenario, or the recording of a run.
+    /// A scenario, the recording of a run, or the folder of a batch.
     #[arg(
-        value_name = "SCENARIO|RECORDING",
+        value_name = "SCENARIO|RECORDING|BATCH",
         default_value = "scenarios/slalom.toml"
     )]
     pub file: PathBuf,
@@ -154,6 +154,9 @@ pub struct StudioOptions {
     /// Port on this machine [default: any that is free].
     #[arg(long)]
     pub port: Option<u16>,
+    /// Folder with panels of the project [default: panels, beside the scenario or its folder].
+    #[arg(long, value_name = "DIR")]
+    pub panels: Option<PathBuf>,
     /// Load libraries that the scenario names as plug-ins into the process of the studio.
     #[arg(long)]
     pub trust_native: bool,

@@ -32,6 +32,9 @@ pub fn studio(options: &StudioOptions) -> u8 {
     if let Some(port) = options.port {
         command.arg("--port").arg(port.to_string());
     }
+    if let Some(folder) = &options.panels {
+        command.arg("--panels").arg(folder);
+    }
     if options.no_browser {
         command.arg("--no-browser");
     }

@@ -39,6 +39,8 @@ pub struct View {
     pub lines: Vec<Seen>,
     /// What else there is, as JSON.
     pub state: Arc<str>,
+    /// The figures of a batch, as JSON.
+    pub batch: Option<Arc<str>>,
 }
 
 type Asked = (Ask, oneshot::Sender<Result<Value, Refusal>>);
@@ -67,6 +69,7 @@ fn view(studio: &Studio) -> View {
     View {
         lines: seen.collect(),
         state: studio.state().to_string().into(),
+        batch: studio.batch(),
     }
 }
 

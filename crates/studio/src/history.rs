@@ -5,6 +5,9 @@ use std::ops::Range;
 use appell_sim::record::{Event, Header, RecordError, Recorder, Recording};
 use appell_sim::report::friction_used;
 use appell_sim::signal::Signal;
+use rustfft::FftPlanner;
+
+use crate::spectrum;
 
 /// Rows of a block, of which the least and the largest value are kept.
 const BLOCK: usize = 64;
@@ -236,6 +239,45 @@ impl History {
         series
     }
 
+    /// Amplitudes by frequency, in the place of times, Hz, of some signals between two times, s, in at most so
+    /// many bands, each with its largest; of the newest rows where there are too many.
+    pub fn spectrum(&self, paths: &[String], from: f64, to: f64, bands: usize) -> Series {
+        let first = self.times.partition_point(|t| *t < from);
+        let mut end = self.times.partition_point(|t| *t <= to).max(first);
+        // The last row of a run may lie between two others.
+        let period = self.header.period;
+        while end >= first + 2 && self.times[end - 1] - self.times[end - 2] < 0.999 * period {
+            end -= 1;
+        }
+        let rows = first.max(end.saturating_sub(spectrum::ROWS_MAX))..end;
+        let mut planner = FftPlanner::new();
+        let mut columns = Vec::new();
+        for path in paths {
+            let values = self
+                .column(path)
+                .map(|k| &self.columns[k].values[rows.clone()]);
+            let found = spectrum::amplitudes(&mut planner, values.unwrap_or(&[]));
+            let found = spectrum::thinned(&found, bands);
+            columns.push(
+                found
+                    .iter()
+                    .map(|value| *value as f32)
+                    .collect::<Vec<f32>>(),
+            );
+        }
+        let count = columns.iter().map(Vec::len).max().unwrap_or(0);
+        for column in &mut columns {
+            column.resize(count, f32::NAN);
+        }
+        // Bands are of one width up to half the rate of rows.
+        let highest = 0.5 / period * (rows.len() / 2 * 2) as f64 / rows.len().max(1) as f64;
+        let frequency = |k: usize| (k + 1) as f64 * highest / count as f64;
+        Series {
+            times: (0..count).map(frequency).collect(),
+            columns,
+        }
+    }
+
     /// Writes all of it, as it came, to a recorder.
     ///
     /// # Errors
@@ -286,6 +328,7 @@ impl Recorder for History {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use appell_model::scalar::Scalar;
 
     fn history(rows: usize) -> History {
         let header = Header {
@@ -324,6 +367,40 @@ mod tests {
                 extremes(&column.values[rows])
             );
         }
+    }
+
+    /// A sine that is sampled at 100 Hz is found at its frequency, also after a last row off the grid.
+    #[test]
+    fn closed_form_spectrum_of_a_sine() {
+        let header = Header {
+            signals: vec![Signal::new("a", "m")],
+            period: 0.01,
+            ..Header::default()
+        };
+        let mut history = History::new(&header);
+        for k in 0..1000 {
+            let t = k as f64 * 0.01;
+            let angle = core::f64::consts::TAU * 7.5 * t;
+            history
+                .frame(t, &[2.0 * <f64 as Scalar>::sin_cos(angle).0])
+                .expect("keeps");
+        }
+        history.frame(9.993, &[9.0]).expect("keeps");
+        let paths = ["a".to_owned(), "none".to_owned()];
+        let found = history.spectrum(&paths, 0.0, 99.0, 4096);
+        assert_eq!(found.times.len(), 500);
+        assert!((found.times[499] - 50.0).abs() < 1e-9);
+        let peak = (0..500).max_by(|a, b| found.columns[0][*a].total_cmp(&found.columns[0][*b]));
+        let peak = peak.expect("some");
+        assert!(
+            (found.times[peak] - 7.5).abs() < 1e-9,
+            "{}",
+            found.times[peak]
+        );
+        assert!((found.columns[0][peak] - 2.0).abs() < 1e-6);
+        assert!(found.columns[1].iter().all(|value| value.is_nan()));
+        assert_eq!(history.spectrum(&paths, 0.0, 99.0, 20).times.len(), 20);
+        assert!(history.spectrum(&paths, 3.0, 3.0, 20).times.is_empty());
     }
 
     #[test]

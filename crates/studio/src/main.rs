@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use appell_studio::driver::Driver;
+use appell_studio::panels::Panels;
 use appell_studio::studio::Studio;
 use appell_studio::web;
 use clap::Parser;
@@ -13,7 +14,7 @@ use clap::Parser;
 #[derive(Parser)]
 #[command(version, max_term_width = 100)]
 struct Arguments {
-    /// A scenario, or the recording of a run (`.mcap`, `.parquet`).
+    /// A scenario, the recording of a run (`.mcap`, `.parquet`), or the folder of a batch.
     file: PathBuf,
     /// Print the address only.
     #[arg(long)]
@@ -24,6 +25,9 @@ struct Arguments {
     /// Set any value by its path, such as robot.tri.controller.speed=1.2; may be repeated.
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<String>,
+    /// Folder with panels of the project [default: panels, beside the scenario or its folder].
+    #[arg(long, value_name = "DIR")]
+    panels: Option<PathBuf>,
     /// Load libraries that the scenario names as plug-ins into this process.
     #[arg(long)]
     trust_native: bool,
@@ -68,9 +72,13 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
         if !arguments.no_browser {
             browse(&address);
         }
+        let panels = match &arguments.panels {
+            Some(folder) => Panels::of(folder),
+            None => Panels::beside(&arguments.file),
+        };
         let driver = Arc::new(Driver::start(studio));
         tokio::select! {
-            () = web::serve(listener, driver.clone(), token) => {}
+            () = web::serve(listener, driver.clone(), panels, token) => {}
             _ = tokio::signal::ctrl_c() => {}
         }
         driver.stop();

@@ -5,6 +5,7 @@
 //! line can be driven again at any time, saved, and repeated from the command line bit for bit. Undoing drives
 //! the scenario of before. Driving again is quick: a minute takes some hundredths of a second.
 
+mod batch;
 mod command;
 mod edits;
 mod line;
@@ -20,6 +21,7 @@ use appell_sim::scenario::{self, Beacon, Change, Level, Loaded, Overrides, Swap}
 use serde_json::{Value, json};
 
 use crate::history::History;
+use batch::Opened;
 
 pub use command::{Command, Refusal};
 pub use edits::HAND;
@@ -48,6 +50,7 @@ pub struct Studio {
     planned: (Vec<Swap>, Vec<Change>),
     file: PathBuf,
     overrides: Vec<(String, String)>,
+    batch: Option<Opened>,
     trust_native: bool,
     saved: Option<String>,
     notice: Option<String>,
@@ -58,7 +61,7 @@ pub struct Studio {
 }
 
 /// A name of a file without a way in it.
-fn is_plain(name: &str) -> bool {
+pub(crate) fn is_plain(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     (1..=64).contains(&name.len()) && name.chars().all(allowed)
 }
@@ -81,6 +84,7 @@ impl Studio {
             planned: (Vec::new(), Vec::new()),
             file: file.to_owned(),
             overrides: overrides.to_vec(),
+            batch: None,
             trust_native,
             saved: None,
             notice: None,
@@ -92,6 +96,14 @@ impl Studio {
     }
 
     fn read(&mut self, file: &Path) -> Result<(), Refusal> {
+        if file.is_dir() {
+            let opened = Opened::read(file)?;
+            // Its first trial is there to be seen, and the folder's own scenario to go back to.
+            self.read(&file.join("scenario.toml"))?;
+            self.batch = Some(opened);
+            return self.replay("", 0);
+        }
+        self.batch = None;
         let ending = file.extension().and_then(|ending| ending.to_str());
         let recording = match ending {
             Some("mcap" | "parquet") => Some(Recording::read(file).map_err(|error| {
@@ -133,6 +145,7 @@ impl Studio {
                     name,
                     what: "recorded".to_owned(),
                     kind: Kind::Recorded,
+                    trial: 0,
                     parent: None,
                     scene: scene(&loaded, &History::new(&recording.header)),
                     history: Arc::new(Mutex::new(History::of(&recording))),
@@ -169,7 +182,7 @@ impl Studio {
         }
     }
 
-    /// A line at its first instant.
+    /// A line at its first instant, with the random numbers of the active one.
     fn begin(
         &mut self,
         loaded: Loaded,
@@ -177,13 +190,26 @@ impl Studio {
         what: String,
         kind: Kind,
     ) -> Result<Line, Refusal> {
-        let run = Run::new(&loaded, 0)?;
+        let trial = self.place(self.active).map_or(0, |k| self.lines[k].trial);
+        self.begin_trial(loaded, name, what, kind, trial)
+    }
+
+    fn begin_trial(
+        &mut self,
+        loaded: Loaded,
+        name: String,
+        what: String,
+        kind: Kind,
+        trial: u64,
+    ) -> Result<Line, Refusal> {
+        let run = Run::new(&loaded, trial)?;
         let history = History::new(&run.header);
         let mut line = Line {
             id: self.new_id(),
             name,
             what,
             kind,
+            trial,
             parent: None,
             scene: scene(&loaded, &history),
             history: Arc::new(Mutex::new(history)),
@@ -368,6 +394,7 @@ impl Studio {
                 }
                 self.lines.retain(|one| one.id != line);
             }
+            Command::Trial { variant, trial } => self.replay(&variant, trial)?,
             Command::Save { name, replace } => return self.save(&name, replace),
             Command::Open { name } => {
                 let listed = self.scenarios();
@@ -420,6 +447,14 @@ impl Studio {
                 "the scenario is written beside the one that was opened",
             ));
         }
+        if let trial @ 1.. = self.active().trial {
+            return Err(Refusal::new(
+                format!(
+                    "trial {trial} has random numbers of its own, which a scenario does not name"
+                ),
+                "the recording can be kept; `appell batch` repeats the trial",
+            ));
+        }
         let mut document = self.active().document()?;
         document.scenario.name = name.to_owned();
         let text = document.scenario.to_toml();
@@ -455,6 +490,11 @@ impl Studio {
         )
     }
 
+    /// The figures of the batch that is open, as JSON.
+    pub fn batch(&self) -> Option<Arc<str>> {
+        self.batch.as_ref().map(|opened| opened.text.clone())
+    }
+
     /// What pages show besides pictures, as JSON.
     pub fn state(&self) -> Value {
         let active = self.active();
@@ -481,6 +521,7 @@ impl Studio {
             "robots": active.robots(),
             "beacons": active.loaded.scenario.arena.beacon,
             "ghosts": self.ghosts,
+            "batch": self.batch.is_some(),
         })
     }
 }

@@ -9,6 +9,8 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
+use appell_model::wheel_legged::obstacle::Obstacle;
+use appell_sim::crossing::{Build, cross, drawing};
 use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
@@ -21,10 +23,11 @@ use futures_util::{SinkExt, StreamExt};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::{Semaphore, mpsc, watch};
 
 use crate::driver::{Driver, FRAME};
-use crate::studio::{Command, Refusal};
+use crate::panels::Panels;
+use crate::studio::{Command, Refusal, is_plain};
 use crate::wire;
 
 /// Longest body or message, bytes.
@@ -41,8 +44,23 @@ const BURST: f64 = 800.0;
 /// Widest picture of series, points, and most signals in it.
 const POINTS_MAX: usize = 8192;
 const SIGNALS_MAX: usize = 64;
+/// Longest obstacle that is asked about, m.
+const LENGTH_MAX: f64 = 10.0;
 /// Longest time in which a page has to take a frame.
 const STALLED: Duration = Duration::from_secs(60);
+
+/// How often the folder of panels is looked at.
+const LOOK: Duration = Duration::from_millis(500);
+/// Where the frame lies that panels of a project run in. It has no token: nothing is in it that could be kept
+/// from anybody, and what runs in it is not to know the token.
+const FRAME_PATH: &str = "/frame";
+/// What names of hosts end with that such frames have, each its own, beside those of the page: they lead to this
+/// machine, too, and browsers give each of them a process.
+const FRAME_HOSTS: &str = ".localhost";
+/// What such a frame may do: run what it is given, and reach nothing.
+const FRAME_POLICY: &str = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; \
+     style-src 'unsafe-inline'; img-src data: blob:; font-src data:; worker-src blob:; base-uri 'none'; \
+     form-action 'none'; frame-ancestors 'self' http://127.0.0.1:* http://localhost:*";
 
 /// The built page.
 #[derive(rust_embed::RustEmbed)]
@@ -60,6 +78,9 @@ The interface for programs works all the same.</p></body></html>";
 
 struct Server {
     driver: Arc<Driver>,
+    panels: Arc<Panels>,
+    /// The list of panels, as the socket tells it.
+    listed: watch::Receiver<Arc<str>>,
     token: String,
     pages: Arc<Semaphore>,
 }
@@ -84,10 +105,40 @@ pub async fn listen(port: u16) -> std::io::Result<TcpListener> {
     TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await
 }
 
+fn listed(panels: &Panels) -> Arc<str> {
+    json!({"kind": "panels", "panels": panels.list()})
+        .to_string()
+        .into()
+}
+
+/// Looks at the folder of panels again and again.
+async fn look(panels: Arc<Panels>, tell: watch::Sender<Arc<str>>) {
+    loop {
+        tokio::time::sleep(LOOK).await;
+        let folder = panels.clone();
+        let Ok(now) = tokio::task::spawn_blocking(move || listed(&folder)).await else {
+            return;
+        };
+        tell.send_if_modified(|told| {
+            let is_new = *told != now;
+            *told = now;
+            is_new
+        });
+        if tell.is_closed() {
+            return;
+        }
+    }
+}
+
 /// Serves until it is dropped.
-pub async fn serve(listener: TcpListener, driver: Arc<Driver>, token: String) {
+pub async fn serve(listener: TcpListener, driver: Arc<Driver>, panels: Panels, token: String) {
+    let panels = Arc::new(panels);
+    let (tell, list) = watch::channel(listed(&panels));
+    tokio::spawn(look(panels.clone(), tell));
     let server = Arc::new(Server {
         driver,
+        panels,
+        listed: list,
         token,
         pages: Arc::new(Semaphore::new(PAGES_MAX)),
     });
@@ -129,8 +180,11 @@ fn router(server: Arc<Server>) -> Router {
     Router::new()
         .route("/{token}/", get(index))
         .route("/{token}/assets/{name}", get(asset))
+        .route("/{token}/panels/{name}", get(panel))
         .route("/{token}/socket", get(socket))
         .route("/{token}/api/state", get(state))
+        .route("/{token}/api/batch", get(batch))
+        .route("/{token}/api/crossing", get(crossing))
         .route("/{token}/api/openapi.json", get(openapi))
         .route("/{token}/api/command", post(command))
         .route("/{token}/api/series", get(series))
@@ -148,6 +202,12 @@ fn equals(one: &str, other: &str) -> bool {
         .zip(other.bytes())
         .fold(0, |d, (a, b)| d | (a ^ b));
     one.len() == other.len() && differ == 0
+}
+
+/// Whether a `Host` is a name that frames of panels have.
+fn is_frame_host(host: &str) -> bool {
+    let name = host.split(':').next().unwrap_or_default();
+    name.strip_suffix(FRAME_HOSTS).is_some_and(is_plain)
 }
 
 /// Whether a `Host` is a name of this machine, at whatever port a tunnel has.
@@ -170,8 +230,10 @@ async fn guard(State(server): Shared, request: Request, next: Next) -> Response 
             (Some(_), Some(_)) => None,
         }
     };
+    let is_frame = request.uri().path() == FRAME_PATH;
     let host = text(header::HOST).flatten();
-    let Some(host) = host.filter(|host| is_local(host)) else {
+    let host = host.filter(|host| is_local(host) || is_frame && is_frame_host(host));
+    let Some(host) = host else {
         return (
             StatusCode::MISDIRECTED_REQUEST,
             "Host must be this machine\n",
@@ -185,6 +247,9 @@ async fn guard(State(server): Shared, request: Request, next: Next) -> Response 
     };
     if !is_own {
         return (StatusCode::FORBIDDEN, "Origin must be the page's own\n").into_response();
+    }
+    if is_frame {
+        return frame();
     }
     let given = request.uri().path().split('/').nth(1).unwrap_or_default();
     if !equals(given, &server.token) {
@@ -202,7 +267,8 @@ async fn guard(State(server): Shared, request: Request, next: Next) -> Response 
         (
             header::CONTENT_SECURITY_POLICY,
             "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
-             font-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+             font-src 'self'; connect-src 'self'; frame-src 'self' http://*.localhost:*; base-uri 'none'; form-action 'none'; \
+             frame-ancestors 'none'",
         ),
     ];
     for (name, value) in set {
@@ -216,6 +282,18 @@ async fn guard(State(server): Shared, request: Request, next: Next) -> Response 
         response.headers_mut().insert(cached, value);
     }
     response
+}
+
+/// The frame that a panel of a project runs in.
+fn frame() -> Response {
+    let headers = [
+        (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+        (header::CONTENT_SECURITY_POLICY, FRAME_POLICY),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::CACHE_CONTROL, "no-store"),
+    ];
+    (headers, include_str!("frame.html")).into_response()
 }
 
 fn file(name: &str) -> Option<Response> {
@@ -246,6 +324,20 @@ async fn asset(Path((_, name)): Path<(String, String)>) -> Response {
     file(&format!("assets/{name}")).unwrap_or_else(|| StatusCode::NOT_FOUND.into_response())
 }
 
+/// The text of a panel of the project.
+async fn panel(State(server): Shared, Path((_, name)): Path<(String, String)>) -> Response {
+    let panels = server.panels.clone();
+    let text = tokio::task::spawn_blocking(move || panels.read(name.strip_suffix(".js")?)).await;
+    match text {
+        Ok(Some(text)) => (
+            [(header::CONTENT_TYPE, "text/javascript; charset=utf-8")],
+            text,
+        )
+            .into_response(),
+        _ => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
 async fn state(State(server): Shared) -> Response {
     let view = server.driver.view();
     (
@@ -253,6 +345,56 @@ async fn state(State(server): Shared) -> Response {
         view.state.to_string(),
     )
         .into_response()
+}
+
+/// The figures of the batch that is open.
+async fn batch(State(server): Shared) -> Response {
+    match server.driver.view().batch {
+        Some(text) => (
+            [(header::CONTENT_TYPE, "application/json")],
+            text.to_string(),
+        )
+            .into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+/// An obstacle: a step, or a trench with its width.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Obstructed {
+    height: f64,
+    width: Option<f64>,
+}
+
+/// What a wheel-legged robot does about an obstacle, instant by instant.
+async fn crossing(Query(asked): Query<Obstructed>) -> Response {
+    let lengths = [asked.height, asked.width.unwrap_or(0.0)];
+    if lengths
+        .iter()
+        .any(|length| !(0.0..=LENGTH_MAX).contains(length))
+    {
+        let problem = format!("height and width must be in [0, {LENGTH_MAX}] m");
+        let refusal = Refusal::new(problem, "");
+        return (StatusCode::UNPROCESSABLE_ENTITY, Json(refused(&refusal))).into_response();
+    }
+    let obstacle = match asked.width {
+        None => Obstacle::Step {
+            height: asked.height,
+        },
+        Some(width) => Obstacle::Trench {
+            width,
+            depth: asked.height,
+        },
+    };
+    let drawing = tokio::task::spawn_blocking(move || {
+        let build = Build::ASSUMED;
+        drawing(&obstacle, &build, &cross(&obstacle, &build))
+    });
+    match drawing.await {
+        Ok(data) => Json(data).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
 }
 
 async fn openapi() -> Response {
@@ -291,6 +433,9 @@ struct SeriesRequest {
     from: f64,
     to: f64,
     points: usize,
+    /// Whether amplitudes by frequency are asked for, instead of values by time.
+    #[serde(default)]
+    spectrum: bool,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -320,7 +465,10 @@ impl SeriesRequest {
         let line =
             line.ok_or_else(|| Refusal::new(format!("there is no line {}", self.line), ""))?;
         let history = line.history.lock().expect("nothing panics with it");
-        Ok(history.series(&paths, self.from, self.to, self.points))
+        Ok(match self.spectrum {
+            false => history.series(&paths, self.from, self.to, self.points),
+            true => history.spectrum(&paths, self.from, self.to, self.points),
+        })
     }
 }
 
@@ -328,7 +476,7 @@ impl SeriesRequest {
 async fn series(State(server): Shared, Query(asked): Query<SeriesRequest>) -> Response {
     match asked.find(&server.driver) {
         Ok(series) => {
-            let mut text = String::from("t");
+            let mut text = String::from(if asked.spectrum { "frequency" } else { "t" });
             let names = match &asked.signals {
                 Paths::List(paths) => paths.join(","),
                 Paths::Text(text) => text.clone(),
@@ -386,7 +534,7 @@ async fn socket(State(server): Shared, upgrade: WebSocketUpgrade) -> Response {
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)
         .on_upgrade(move |socket| async move {
-            page(socket, &server.driver).await;
+            page(socket, &server.driver, server.listed.clone()).await;
             drop(place);
         })
 }
@@ -425,7 +573,7 @@ impl Bucket {
 
 /// Serves one page: what it asks for in one task, what it sees in another, so that neither waits for the
 /// other. What is sent waits for the page; what comes meanwhile is sent together afterwards.
-async fn page(socket: WebSocket, driver: &Arc<Driver>) {
+async fn page(socket: WebSocket, driver: &Arc<Driver>, mut listed: watch::Receiver<Arc<str>>) {
     let (mut out, mut into) = socket.split();
     // Answers are few: a page waits for them, and asks for no more than the bucket lets it.
     let (answer, mut answers) = mpsc::channel::<Message>(64);
@@ -463,6 +611,7 @@ async fn page(socket: WebSocket, driver: &Arc<Driver>) {
         let mut sent: BTreeMap<u32, usize> = BTreeMap::new();
         let mut told: Option<Arc<str>> = None;
         pulse.mark_changed();
+        listed.mark_changed();
         loop {
             tokio::select! {
                 biased;
@@ -477,6 +626,11 @@ async fn page(socket: WebSocket, driver: &Arc<Driver>) {
                         if !send(&mut out, message).await { return; }
                     }
                     tokio::time::sleep(FRAME).await;
+                }
+                changed = listed.changed() => {
+                    if changed.is_err() { return; }
+                    let list = listed.borrow_and_update().to_string();
+                    if !send(&mut out, Message::text(list)).await { return; }
                 }
             }
         }

@@ -287,3 +287,52 @@ fn invariant_a_recording_is_opened_and_branched() {
     scenario::load(&folder.join("mine.toml"), &[]).unwrap_or_else(|error| panic!("{error}"));
     std::fs::remove_dir_all(&folder).expect("removes");
 }
+
+/// A trial of a batch that is opened from its folder has the figures that the batch has of it.
+#[test]
+fn peer_replayed_trials_have_the_figures_of_the_batch() {
+    use appell_sim::batch::{Batch, Crew, Shard, Store, parse};
+    let folder = std::env::temp_dir().join(format!("appell-studio-batch-{}", std::process::id()));
+    let file = root().join("scenarios/noisy.toml");
+    let vary = parse("robot.burger.platform.body.mass=uniform(0.8, 1.2)").expect("a draw");
+    let batch = Batch::new(&file, &[], Some(5), &[vary], None).expect("a batch");
+    let store = Store::open(&folder, batch.manifest()).expect("a folder");
+    let text = &batch.manifest().text;
+    std::fs::write(folder.join("scenario.toml"), text).expect("writes");
+    batch
+        .execute(&store, Shard::WHOLE, Crew::default(), &|_| {})
+        .expect("runs");
+    let mut studio = Studio::open(&folder, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    let figures: Value = serde_json::from_str(&studio.batch().expect("is open")).expect("JSON");
+    let columns = figures["columns"].as_array().expect("columns");
+    let column = |name: &str| {
+        columns
+            .iter()
+            .position(|one| one["name"] == name)
+            .expect(name)
+    };
+    assert_eq!(figures["variants"][0]["count"], 5);
+    for trial in [3, 1] {
+        told(&mut studio, json!({"do": "trial", "trial": trial}));
+        let state = studio.state();
+        let line = state["lines"]
+            .as_array()
+            .expect("lines")
+            .last()
+            .expect("one");
+        assert_eq!(line["name"], format!("trial {trial}"));
+        assert_eq!(line["verdict"], "passed");
+        let metrics = line["metrics"][0]["metrics"].as_array().expect("metrics");
+        for name in ["time", "path length", "settle time"] {
+            let value =
+                metrics.iter().find(|one| one["name"] == name).expect(name)["value"].as_f64();
+            let stored = figures["variants"][0]["values"][column(name)][trial as usize].as_f64();
+            assert_eq!(value, stored, "{name} of trial {trial}");
+        }
+    }
+    let refused = say(&mut studio, json!({"do": "trial", "trial": 5}));
+    assert!(refused.expect_err("there are five").contains("5 trials"));
+    let refused = say(&mut studio, json!({"do": "save", "name": "mine"}));
+    assert!(refused.expect_err("its noise").contains("random numbers"));
+    std::fs::remove_dir_all(&folder).expect("removes");
+}

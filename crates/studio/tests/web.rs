@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use appell_studio::driver::Driver;
+use appell_studio::panels::Panels;
 use appell_studio::studio::Studio;
 use appell_studio::web;
 use futures_util::{SinkExt, StreamExt};
@@ -22,12 +23,21 @@ struct Served {
 }
 
 async fn serve() -> Served {
+    serve_with(Panels::of(Path::new("no-such-folder"))).await
+}
+
+async fn serve_with(panels: Panels) -> Served {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/slalom.toml");
     let studio = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
     let driver = Arc::new(Driver::start(studio));
     let listener = web::listen(0).await.expect("a port");
     let port = listener.local_addr().expect("an address").port();
-    tokio::spawn(web::serve(listener, driver.clone(), TOKEN.to_owned()));
+    tokio::spawn(web::serve(
+        listener,
+        driver.clone(),
+        panels,
+        TOKEN.to_owned(),
+    ));
     Served {
         port,
         _driver: driver,
@@ -157,6 +167,22 @@ async fn refusal_of_strangers() {
             own.clone(),
             404,
         ),
+        (format!("/{TOKEN}/api/batch"), own.clone(), 404),
+        (
+            format!("/{TOKEN}/api/crossing?height=0.2"),
+            own.clone(),
+            200,
+        ),
+        (
+            format!("/{TOKEN}/api/crossing?height=nan"),
+            own.clone(),
+            422,
+        ),
+        (
+            format!("/{TOKEN}/api/crossing?height=0.2&width=1e9"),
+            own.clone(),
+            422,
+        ),
         (
             format!("/{TOKEN}/api/series?line=1&signals=a&from=nan&to=1&points=9"),
             own.clone(),
@@ -186,6 +212,105 @@ async fn refusal_of_strangers() {
     );
     let answer = served.get(&format!("/{TOKEN}/socket"), &upgrade).await;
     assert_eq!(status(&answer), 403);
+}
+
+/// Panels of a project are told and read as they are now; nothing else of the disk is.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn refusal_of_what_is_no_panel() {
+    let home = std::env::temp_dir().join(format!("appell-panels-{}", std::process::id()));
+    let folder = home.join("panels");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let write = |name: &str, text: &[u8]| std::fs::write(folder.join(name), text).expect("writes");
+    write("mine.js", b"export const title = 'mine';");
+    write("long.js", &vec![b' '; (1 << 20) + 1]);
+    write("not-text.js", &[0xff, 0xfe]);
+    write("two words.js", b"");
+    std::fs::create_dir_all(folder.join("folder.js")).expect("a folder");
+    std::fs::write(home.join("secret.js"), "secret").expect("writes");
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(home.join("secret.js"), folder.join("link.js")).expect("links");
+    let served = serve_with(Panels::of(&folder)).await;
+    let own = served.host();
+    for (path, code) in [
+        (format!("/{TOKEN}/panels/mine.js"), 200),
+        (format!("/{TOKEN}/panels/mine"), 404),
+        (format!("/{TOKEN}/panels/long.js"), 404),
+        (format!("/{TOKEN}/panels/not-text.js"), 404),
+        (format!("/{TOKEN}/panels/two%20words.js"), 404),
+        (format!("/{TOKEN}/panels/folder.js"), 404),
+        (format!("/{TOKEN}/panels/link.js"), 404),
+        (format!("/{TOKEN}/panels/..%2fsecret.js"), 404),
+        (format!("/{TOKEN}/panels/%2e%2e%2fsecret.js"), 404),
+        (format!("/{TOKEN}/panels/..%5csecret.js"), 404),
+        (format!("/{TOKEN}/panels/../secret.js"), 404),
+        (format!("/{TOKEN}/panels/mine.js%00"), 404),
+        ("/panels/mine.js".to_owned(), 403),
+        (
+            "/0123456789abcdef0123456789abcdee/panels/mine.js".to_owned(),
+            403,
+        ),
+    ] {
+        let answer = served.get(&path, &own).await;
+        assert_eq!(status(&answer), code, "{path} {answer}");
+        assert!(!answer.contains("secret"), "{path} {answer}");
+    }
+    // The frame that they run in needs no token, and may reach nothing.
+    let frame = served.get("/frame", &own).await;
+    assert_eq!(status(&frame), 200);
+    assert!(frame.contains("content-security-policy: sandbox allow-scripts; default-src 'none'"));
+    assert!(!frame.contains(TOKEN));
+    // It has names of its own, under which nothing else is served.
+    for (path, host, code) in [
+        ("/frame", "p1.localhost:8123", 200),
+        ("/frame", "evil.example", 421),
+        ("/frame", "a.b.localhost", 421),
+        ("/frame", ".localhost", 421),
+        (&*format!("/{TOKEN}/"), "p1.localhost:8123", 421),
+        (
+            &*format!("/{TOKEN}/panels/mine.js"),
+            "p1.localhost:8123",
+            421,
+        ),
+    ] {
+        let answer = served.get(path, &format!("Host: {host}\r\n")).await;
+        assert_eq!(status(&answer), code, "{path} {host}");
+    }
+    // A page hears of them when it joins, and when one was added, written anew or removed.
+    let mut page = served.page().await;
+    let mut hear = async |holds: &dyn Fn(&Value) -> bool| {
+        let hears = async {
+            loop {
+                let message = page.next().await.expect("goes on").expect("is read");
+                let Message::Text(text) = message else {
+                    continue;
+                };
+                let said: Value = serde_json::from_str(&text).expect("JSON");
+                if said["kind"] == "panels" && holds(&said["panels"]) {
+                    return said["panels"].clone();
+                }
+            }
+        };
+        let heard = tokio::time::timeout(Duration::from_secs(5), hears);
+        heard.await.expect("is told")
+    };
+    let list = hear(&|_| true).await;
+    let names: Vec<&str> = list
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|one| one["name"].as_str())
+        .collect();
+    // One that is no text is listed and cannot be read.
+    assert_eq!(names, ["mine", "not-text"]);
+    let version = list[0]["version"].clone();
+    write("another.js", b"");
+    hear(&|list| list[0]["name"] == "another").await;
+    write("mine.js", b"export const title = 'ours';");
+    hear(&|list| list[1]["version"] != version).await;
+    std::fs::remove_file(folder.join("another.js")).expect("removes");
+    hear(&|list| list[0]["name"] == "mine").await;
+    drop(page);
+    std::fs::remove_dir_all(&home).expect("removes");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -139,6 +139,14 @@ pub enum Command {
         /// Its number.
         line: u32,
     },
+    /// Drives a trial of the batch that is open again.
+    Trial {
+        /// Name of its variant; empty where there are none.
+        #[serde(default)]
+        variant: String,
+        /// Its number.
+        trial: u64,
+    },
     /// Writes the scenario of the line beside the one that was opened.
     Save {
         /// Name of the file, without extension.

@@ -37,6 +37,8 @@ pub struct Line {
     pub what: String,
     /// What it is.
     pub kind: Kind,
+    /// Number of the trial whose random numbers it has: 0, but for one of a batch.
+    pub trial: u64,
     /// The line it branched from, and when, s.
     pub parent: Option<(String, f64)>,
     /// What it has driven.
@@ -185,6 +187,7 @@ impl Line {
             "what": self.what,
             "kind": match self.kind { Kind::Driven => "driven", Kind::Ghost(_) => "ghost", Kind::Recorded => "recorded" },
             "parent": self.parent,
+            "trial": self.trial,
             "over": self.is_over(),
             "verdict": summary.map(|summary| summary.verdict),
             "sentence": summary.map(|summary| &summary.reason),
