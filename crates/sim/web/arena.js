@@ -382,9 +382,10 @@ export function speedLimit(run) {
  * @param {Tracks} tracks
  * @param {number} fastest speed at the end of the scale, m/s
  * @param {Bounds} [bounds] only what lies within
+ * @param {(u: number) => string} [color] of what is between 0 and 1
  * @returns {TrailRun[]}
  */
-export function trailRuns(view, tracks, fastest, bounds) {
+export function trailRuns(view, tracks, fastest, bounds, color = viridis) {
   const levels = 40;
   /** @type {TrailRun[]} */
   const runs = [];
@@ -395,7 +396,7 @@ export function trailRuns(view, tracks, fastest, bounds) {
   let length = 0;
   let level = -1;
   const close = (/** @type {number} */ last) => {
-    if (points.length > 1) runs.push({ first, last, color: viridis(sum / points.length / fastest), path: pathText(simplify(points, 0.12)) });
+    if (points.length > 1) runs.push({ first, last, color: color(sum / points.length / fastest), path: pathText(simplify(points, 0.12)) });
   };
   for (let k = 0; k < tracks.time.length; k++) {
     const x = Number(tracks.x[k]);

@@ -201,7 +201,7 @@ function axisOf(panel, low, high, parts) {
  * @param {string} unit
  * @param {number} size the largest number
  */
-function prefixOf(unit, size) {
+export function prefixOf(unit, size) {
   const plain = ['m', 'm/s', 's', 'N', 'N·m', 'V', 'A', 'W', 'J', 'rad', 'rad/s', 'm/s²', 'Ω'].includes(unit);
   if (!plain || !(size > 0) || (size >= 0.01 && size < 1e4)) return { factor: 1, prefix: '' };
   if (size >= 1e6) return { factor: 1e-6, prefix: 'M' };

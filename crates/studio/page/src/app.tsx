@@ -1,13 +1,16 @@
 // The page: what stands where, the keys, and the time that is looked at.
 
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import { Arena, GHOSTS, type Follow } from './arena';
-import { Link, type Line, type LineState, type PlotSpec, type Refusal } from './net';
-import { Plots } from './plots';
-import { Side } from './side';
-import { SPEEDS, Transport } from './transport';
+import { Column, FIRST, where, opened, type Layout } from './dock';
 import { type Theme } from './look';
-import { forceScale } from '../../../sim/web/arena.js';
+import { remember, remembered } from './memory';
+import { Link, type Line, type LineState, type PlotSpec, type Refusal } from './net';
+import { BUILT } from './panels';
+import { preferred } from './panels/plots';
+import { Side } from './side';
+import type { Follow, Studio } from './studio';
+import { SPEEDS, Transport } from './transport';
+import { LANGUAGES, spoken, speak, tr, type Language } from './words';
 
 const KEYS: [string, string][] = [
   ['Space', 'play or pause'], ['← →', 'one row back, on'], ['Shift ← →', 'one second back, on'], ['Home End', 'first, latest instant'], [', .', 'slower, faster'],
@@ -15,16 +18,13 @@ const KEYS: [string, string][] = [
   ['M', 'measure'], ['G', 'forces on, off'], ['W A S D', 'drive, once “hand” has the command'], ['T', 'light or dark'], ['1 2 3', 'to set-up, parameters, plots'], ['?', 'these keys'],
 ];
 
-function remembered<T>(key: string, otherwise: T): T {
-  try { const text = localStorage.getItem('appell.' + key); return text === null ? otherwise : JSON.parse(text); } catch { return otherwise; }
-}
-function remember(key: string, value: unknown): void {
-  try { localStorage.setItem('appell.' + key, JSON.stringify(value)); } catch { /* a page without storage forgets */ }
-}
+/** Colors of what runs along. */
+const GHOSTS = ['purple', 'sky', 'green', 'orange', 'blue', 'vermilion'];
 
 export function App() {
   const [, redraw] = useState<number>(0);
   const [theme, setTheme] = useState<Theme>(remembered('theme', matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light'));
+  const [language, setLanguage] = useState<Language>(spoken());
   const [follow, setFollow] = useState<Follow>('fit');
   const [measuring, setMeasuring] = useState(false);
   const [placing, setPlacing] = useState(false);
@@ -32,7 +32,9 @@ export function App() {
   const [error, setError] = useState<Refusal | null>(null);
   const [dialog, setDialog] = useState<'keys' | 'save' | null>(null);
   const [span, setSpan] = useState<[number, number] | null>(null);
-  const [layouts, setLayouts] = useState<Record<string, PlotSpec[]>>(remembered('plots', {}));
+  const [plotted, setPlotted] = useState<Record<string, PlotSpec[]>>(remembered('plots', {}));
+  const [layout, layOut] = useState<Layout>({ ...FIRST, ...remembered<Partial<Layout>>('layout', {}) });
+  const setLayout = (next: Layout) => { layOut(next); remember('layout', next); };
   const [done, setDone] = useState('');
   // The instant that is looked at; none for the newest.
   const cursor = useRef<number | null>(null);
@@ -119,6 +121,9 @@ export function App() {
   const change = (path: string, value: number, gesture: number) => stream({ do: 'change', path, value, at: at(), gesture });
   const branch = () => { if (line) void run({ do: 'branch', at: time.current() }).then(() => { cursor.current = null; showCursor(null); }); };
 
+  // A batch is opened to be looked at.
+  useEffect(() => { if (state?.batch && !where(layout, 'batch')) setLayout(opened(layout, 'batch', 'under')); }, [state?.batch]);
+
   // A change in the past makes a branch that ends where one looks: look at its end.
   const activeBefore = useRef(-1);
   useEffect(() => {
@@ -189,79 +194,56 @@ export function App() {
     return () => { removeEventListener('keydown', down); removeEventListener('keyup', up); removeEventListener('blur', blur); };
   });
 
-  if (!state || !line || !about) return <main class="wait"><h1>Appell Studio</h1><p role="status">{link.isOpen ? 'The run is being opened …' : 'Looking for the studio … If it has ended, start it again with “appell studio”.'}</p></main>;
+  if (!state || !line || !about) return <main class="wait"><h1>Appell Studio</h1><p role="status">{link.isOpen ? tr('The run is being opened …') : tr('Looking for the studio … If it has ended, start it again with “appell studio”.')}</p></main>;
 
   const driven = state.lines.filter(one => one.kind !== 'ghost');
   const others = state.lines.filter(one => one.id !== state.active && link.lines.has(one.id)).map(one => {
     const ghosts = state.lines.filter(l => l.kind === 'ghost');
     return { about: one, line: link.lines.get(one.id) as Line, color: one.kind === 'ghost' ? GHOSTS[ghosts.indexOf(one) % GHOSTS.length] : 'reference', dash: one.kind === 'ghost' };
   });
-  const parent = about.parent ? driven.find(one => one.name === about.parent?.[0]) : null;
-  const compared = (parent ? link.lines.get(parent.id) : null) ?? others.find(o => o.about.kind === 'ghost')?.line ?? null;
-  const specs = layouts[line.scene.name] ?? preferred(line);
-  const setSpecs = (next: PlotSpec[]) => { const all = { ...layouts, [line.scene.name]: next }; setLayouts(all); remember('plots', all); };
+  const specs = plotted[line.scene.name] ?? preferred(line);
+  const setSpecs = (next: PlotSpec[] | null) => { const { [line.scene.name]: _, ...rest } = plotted; const all = next ? { ...rest, [line.scene.name]: next } : rest; setPlotted(all); remember('plots', all); };
   const events = about.events.filter(e => e.kind !== 'change').map(e => ({ n: e.n, t: e.t }));
   const t = cursorShown ?? end;
-  const newtons = forces ? legendForce(line) : '';
+  const studio: Studio = {
+    link, state, line, about, others, time: () => time.current(), seek, run, stream, at, follow, setFollow, measuring, setMeasuring, forces, setForces, placing, setPlacing,
+    hand, specs, setSpecs, span, setSpan, theme, events, open: panel => setLayout(opened(layout, panel, where(layout, panel) ?? (panel === 'arena' ? 'main' : 'right'))),
+  };
+  const dock = { studio, layout, setLayout, built: BUILT, project: link.panels };
 
   return <>
     <header class="top">
       <span class="brand"><svg width="20" height="20" viewBox="0 0 20 20" aria-hidden="true"><path d="M2 15C6 15 6 5 10 5s4 10 8 10" fill="none" stroke="currentColor" stroke-width="2" /><circle cx="10" cy="13.5" r="2" fill="#E69F00" /></svg>Appell</span>
-      <label class="file"><span class="sr">Scenario</span>
-        <select value={state.file.replace(/\.toml$/, '')} title="Scenario; the others of its folder can be opened" onChange={e => void run({ do: 'open', name: (e.target as HTMLSelectElement).value }).then(() => { cursor.current = null; showCursor(null); setSpan(null); setFollow('fit'); })}>
+      <label class="file"><span class="sr">{tr('Scenario')}</span>
+        <select value={state.file.replace(/\.toml$/, '')} title={tr('Scenario; the others of its folder can be opened')} onChange={e => void run({ do: 'open', name: (e.target as HTMLSelectElement).value }).then(() => { cursor.current = null; showCursor(null); setSpan(null); setFollow('fit'); })}>
           {!state.scenarios.includes(state.file.replace(/\.toml$/, '')) && <option value={state.file.replace(/\.toml$/, '')}>{state.file}</option>}
           {state.scenarios.map(name => <option value={name}>{name}.toml</option>)}
-        </select>{state.saved ? <em>saved as {state.saved}.toml</em> : state.changed && <em>changed</em>}</label>
+        </select>{state.saved ? <em>{tr('saved as')} {state.saved}.toml</em> : state.changed && <em>{tr('changed')}</em>}</label>
       <span class="verdict" role="status" data-verdict={about.verdict ?? ''}>{verdictOf(about)}</span>
       <span class="grow" />
-      <button onClick={() => void run({ do: 'undo' })} disabled={!state.undo} title={state.undo ? `Undo: ${state.undo}` : 'Nothing to undo'}>Undo <kbd>Ctrl Z</kbd></button>
-      <button class="opt" onClick={() => void run({ do: 'redo' })} disabled={!state.redo} title={state.redo ? `Redo: ${state.redo}` : 'Nothing to redo'}>Redo</button>
-      <button onClick={() => setDialog('save')} title="Save what was done as a scenario that repeats it bit for bit">Save scenario <kbd>Ctrl S</kbd></button>
-      <a class="button opt" href={`api/lines/${state.active}/recording.mcap`} download={`${line.scene.name}.mcap`} title="The recording of this line, MCAP">Recording</a>
-      <button onClick={() => setTheme(theme === 'dark' ? 'light' : 'dark')} title="Light or dark (T)">{theme === 'dark' ? 'Light' : 'Dark'}</button>
-      <button onClick={() => setDialog('keys')} title="All keys (?)" aria-label="All keys">?</button>
+      <button onClick={() => void run({ do: 'undo' })} disabled={!state.undo} title={state.undo ? `${tr('Undo')}: ${state.undo}` : tr('Nothing to undo')}>{tr('Undo')} <kbd>Ctrl Z</kbd></button>
+      <button class="opt" onClick={() => void run({ do: 'redo' })} disabled={!state.redo} title={state.redo ? `${tr('Redo')}: ${state.redo}` : tr('Nothing to redo')}>{tr('Redo')}</button>
+      <button onClick={() => setDialog('save')} title={tr('Save what was done as a scenario that repeats it bit for bit')}>{tr('Save scenario')} <kbd>Ctrl S</kbd></button>
+      <a class="button opt" href={`api/lines/${state.active}/recording.mcap`} download={`${line.scene.name}.mcap`} title={tr('The recording of this line, MCAP')}>{tr('Recording')}</a>
+      <button onClick={() => setTheme(theme === 'dark' ? 'light' : 'dark')} title={`${tr('Light or dark')} (T)`}>{theme === 'dark' ? tr('Light') : tr('Dark')}</button>
+      <button onClick={() => setDialog('keys')} title={`${tr('All keys')} (?)`} aria-label={tr('All keys')}>?</button>
+      <select class="language" aria-label={tr('Language')} title={tr('Language')} value={language} onChange={e => { const next = (e.target as HTMLSelectElement).value as Language; setLanguage(next); speak(next); }}>{LANGUAGES.map(([code, name]) => <option value={code}>{name}</option>)}</select>
     </header>
     <Side state={state} line={line} run={run} at={at} change={change} placing={placing} setPlacing={setPlacing} />
     <main class="mid">
       <h1 class="sr">{line.scene.extra.title || line.scene.name}</h1>
-      <Arena link={link} line={line} others={others} time={() => time.current()} follow={follow} setFollow={setFollow} measuring={measuring} forces={forces} placing={placing}
-        onBeacon={(name, x, y, gesture) => stream({ do: 'edit', gesture, set: [[`arena.beacon.${name}.position`, `[${x.toFixed(3)}, ${y.toFixed(3)}]`]] })}
-        onGround={(x, y) => { setPlacing(false); void run({ do: 'add-beacon', position: [Number(x.toFixed(3)), Number(y.toFixed(3))] }); }} onSeek={seek} />
-      <div class="tools">
-        <button aria-pressed={follow === 'follow'} onClick={() => setFollow('follow')} title="Keep the robot in the middle">Follow <kbd>F</kbd></button>
-        <button aria-pressed={follow === 'fit'} onClick={() => setFollow('fit')} title="Show the whole arena">Fit <kbd>0</kbd></button>
-        <button aria-pressed={measuring} onClick={() => setMeasuring(!measuring)} title="Distance and angle between two points: click both">Measure <kbd>M</kbd></button>
-        <button aria-pressed={forces} onClick={() => setForces(!forces)} title="Contact forces with their friction limits">Forces <kbd>G</kbd></button>
-      </div>
-      <section class="card who" aria-label="Lines">
-        <h2>{others.length > 0 ? 'Running along' : 'One line'}</h2>
-        <ul>
-          <li><svg width="24" height="8" aria-hidden="true"><path d="M0 4H24" stroke="#7ad151" stroke-width="4" /></svg><span>{about.name}, {about.what}</span><em>this one</em></li>
-          {others.map(({ about: one, line: own, color: name, dash }) => <li>
-            <svg width="24" height="8" aria-hidden="true"><path d="M0 4H24" style={{ stroke: `var(--${name})` }} stroke-width="1.6" stroke-dasharray={dash ? '5 3' : undefined} /></svg>
-            {one.kind === 'ghost' ? <span>{one.name}</span> : <button class="bare" title={`Go on with line ${one.name}`} onClick={() => void run({ do: 'activate', line: one.id })}>{one.name}, {one.what}</button>}
-            <em>{apart(line, own, t)}</em>
-            <button class="x" aria-label={`Leave out ${one.name}`} title="Leave out" onClick={() => void run(one.kind === 'ghost' ? { do: 'ghost', level: one.name, on: false } : { do: 'drop', line: one.id })}>×</button></li>)}
-        </ul>
-        <div class="along"><span>run along</span>{['kinematic', 'rolling', 'slip'].map(level => <button class="chip" disabled={state.robots.every(r => r.level === level)} aria-pressed={state.ghosts.includes(level)} title={`The same task at level ${level} beside this run`} onClick={() => void run({ do: 'ghost', level, on: !state.ghosts.includes(level) })}>{level}</button>)}</div>
-      </section>
-      {newtons && <div class="card key" aria-label="Forces"><svg width="30" height="14" aria-hidden="true"><path d="M0 4h22" style={{ stroke: 'var(--blue)' }} stroke-width="2.2" /><path d="M21 1l7 3l-7 3z" style={{ fill: 'var(--blue)' }} /><path d="M0 11h22" style={{ stroke: 'var(--vermilion)' }} stroke-width="2.2" /><path d="M21 8l7 3l-7 3z" style={{ fill: 'var(--vermilion)' }} /></svg>forces, left and right{line.run.arena.friction ? <><svg width="16" height="16" aria-hidden="true"><circle cx="8" cy="8" r="6.5" fill="none" style={{ stroke: 'var(--vermilion)' }} stroke-dasharray="1.5 3" stroke-linecap="round" /></svg>limit μN {newtons}</> : null}</div>}
-      {error && <div class="error" role="alert"><b>{error.path || 'Not done'}</b><span>{error.problem}</span>{error.hint && <em>{error.hint}</em>}<button class="x" aria-label="Close" onClick={() => setError(null)}>×</button></div>}
+      <Column areas={['main', 'under']} {...dock} />
+      {error && <div class="error" role="alert"><b>{error.path || tr('Not done')}</b><span>{error.problem}</span>{error.hint && <em>{error.hint}</em>}<button class="x" aria-label={tr('Close')} onClick={() => setError(null)}>×</button></div>}
       {state.notice && <div class="error quiet" role="status"><span>{state.notice}</span></div>}
       {done && <div class="error quiet" role="status"><span>{done}</span></div>}
-      {!link.isOpen && <div class="error" role="alert"><b>No connection</b><span>The studio does not answer. What was driven stays with it; this page joins again by itself.</span></div>}
-      {hand && <div class="card drive" role="status"><span>You drive <b>{hand.name}</b>:</span>{['W', 'A', 'S', 'D'].map(k => <kbd>{k}</kbd>)}<span>{state.playing ? '' : '– press Space to let time run'}</span></div>}
-      {placing && <div class="card drive" role="status">Click where the beacon shall stand; Esc to leave it.</div>}
+      {!link.isOpen && <div class="error" role="alert"><b>{tr('No connection')}</b><span>{tr('The studio does not answer. What was driven stays with it; this page joins again by itself.')}</span></div>}
+      {hand && <div class="card drive" role="status"><span>{tr('You drive')} <b>{hand.name}</b>:</span>{['W', 'A', 'S', 'D'].map(k => <kbd>{k}</kbd>)}<span>{state.playing ? '' : `– ${tr('press Space to let time run')}`}</span></div>}
+      {placing && <div class="card drive" role="status">{tr('Click where the beacon shall stand; Esc to leave it.')}</div>}
     </main>
-    <aside class="right" id="plots" tabIndex={-1} aria-label="Plots">
-      <div class="bar"><h2>Plots</h2>{span && <button onClick={() => setSpan(null)} title="The whole time (double click)">All time</button>}<button onClick={() => setSpecs(preferred(line))} title="The plots that suit this scenario">Reset</button>
-        <a class="button" title="What is plotted, as CSV" href={`api/series?line=${state.active}&from=0&to=${end}&points=8192&signals=${encodeURIComponent(specs.flatMap(s => s.lines.map(l => l.signal)).slice(0, 60).join(','))}`} download={`${line.scene.name}.csv`}>CSV</a></div>
-      <Plots link={link} line={line} other={compared} specs={specs} setSpecs={setSpecs} time={() => time.current()} onSeek={seek} span={span} setSpan={setSpan} theme={theme} events={events} duration={about.duration} />
-      <Signals line={line} add={path => { const signal = line.scene.signals.find(s => s.path === path); if (signal) setSpecs([...specs, { title: path.split('.').slice(1).join('.'), unit: signal.unit, lines: [{ signal: path, label: '', role: 'main' }] }]); }} />
-    </aside>
+    <aside class="right" id="plots" tabIndex={-1} aria-label={tr('Panels')}><Column areas={['right', 'below']} {...dock} /></aside>
     <Transport state={state} line={line} about={about} lines={driven} times={id => link.lines.get(id)?.end ?? 0} t={t} cursor={cursorShown} replaying={replaying.current} play={play} seek={seek} run={run} branch={branch} />
-    {dialog === 'keys' && <Dialog title="Keys" close={() => setDialog(null)}><dl class="keys">{KEYS.map(([key, what]) => <><dt>{key.split(', ').map((k, i) => <>{i > 0 && ', '}<kbd>{k}</kbd></>)}</dt><dd>{what}</dd></>)}</dl></Dialog>}
-    {dialog === 'save' && <Save name={state.saved ?? `${line.scene.name}-mine`} close={() => setDialog(null)} save={(name, replace) => link.do({ do: 'save', name, replace }).then(value => { setDialog(null); say(`Saved. It repeats this run bit for bit: ${(value as { run: string }).run}`); })} />}
+    {dialog === 'keys' && <Dialog title={tr('Keys')} close={() => setDialog(null)}><dl class="keys">{KEYS.map(([key, what]) => <><dt>{key.split(', ').map((k, i) => <>{i > 0 && ', '}<kbd>{k}</kbd></>)}</dt><dd>{tr(what)}</dd></>)}</dl></Dialog>}
+    {dialog === 'save' && <Save name={state.saved ?? `${line.scene.name}-mine`} close={() => setDialog(null)} save={(name, replace) => link.do({ do: 'save', name, replace }).then(value => { setDialog(null); say(`${tr('Saved. It repeats this run bit for bit:')} ${(value as { run: string }).run}`); })} />}
   </>;
 }
 
@@ -274,55 +256,24 @@ function focusIn(id: string): void {
 function verdictOf(about: LineState): string {
   if (!about.over) return '';
   const mark = about.verdict === 'passed' ? '✓' : about.verdict === 'failed' ? '✗' : '■';
-  return `${mark} ${about.name} ${about.verdict ?? 'is over'}, ${(about.end ?? 0).toFixed(2)} s${about.verdict === 'failed' ? `: ${about.sentence}` : ''}`;
-}
-
-/** How far two lines are apart at an instant. */
-function apart(one: Line, other: Line, t: number): string {
-  const robot = one.run.robots[0]?.name;
-  if (!robot || t > Math.max(one.end, other.end) + 1e-9) return '';
-  const d = Math.hypot(one.at(`robot.${robot}.pose.x`, t) - other.at(`robot.${robot}.pose.x`, t), one.at(`robot.${robot}.pose.y`, t) - other.at(`robot.${robot}.pose.y`, t));
-  return Number.isFinite(d) ? d < 1 ? `${(d * 100).toFixed(1)} cm off` : `${d.toFixed(2)} m off` : '';
-}
-
-function preferred(line: Line): PlotSpec[] {
-  const wanted = ['speed', 'motor voltage', 'wheel torque', 'friction used', 'clearance'];
-  const known = new Set(line.scene.signals.map(s => s.path));
-  const plots = line.scene.plots.map(p => ({ ...p, title: p.title.replace(' by the contact force', '').replace(' to the nearest beacon', ''), lines: p.lines.filter(l => known.has(l.signal)).slice(0, 6) })).filter(p => p.lines.length > 0);
-  const rank = (p: PlotSpec) => { const k = wanted.findIndex(w => p.title.includes(w)); return k < 0 ? wanted.length : k; };
-  return plots.map((p, i) => [p, i] as const).sort((a, b) => rank(a[0]) - rank(b[0]) || a[1] - b[1]).map(([p]) => p).slice(0, 5);
-}
-
-function legendForce(line: Line): string {
-  return forceScale(line.run) > 0 ? ' ' : '';
-}
-
-function Signals({ line, add }: { line: Line; add: (path: string) => void }) {
-  const [filter, setFilter] = useState('');
-  const words = filter.toLowerCase().split(/\s+/).filter(Boolean);
-  const found = line.scene.signals.filter(s => words.every(w => s.path.toLowerCase().includes(w)));
-  return <details class="signals"><summary>Signals <span>{line.scene.signals.length}</span></summary>
-    <input type="text" placeholder="find: left torque" aria-label="Find signals" value={filter} onInput={e => setFilter((e.target as HTMLInputElement).value)} />
-    <ul>{found.slice(0, 200).map(s => <li><button draggable onDragStart={e => e.dataTransfer?.setData('text/plain', s.path)} onClick={() => add(s.path)} title={`${s.path}, ${s.unit}: drag it into a plot, or press Enter`}>{s.path.replace(/^robot\./, '')}<em>{s.unit}</em></button></li>)}</ul>
-    {found.length === 0 && <p class="empty">No signal has all these words.</p>}
-  </details>;
+  return `${mark} ${about.name} ${tr(about.verdict ?? 'is over')}, ${(about.end ?? 0).toFixed(2)} s${about.verdict === 'failed' ? `: ${about.sentence}` : ''}`;
 }
 
 function Dialog({ title, close, children }: { title: string; close: () => void; children: preact.ComponentChildren }) {
   const box = useRef<HTMLDialogElement>(null);
   useEffect(() => { box.current?.showModal(); }, []);
-  return <dialog ref={box} aria-label={title} onClose={close} onClick={e => { if (e.target === box.current) close(); }}><div class="inside"><header><h2>{title}</h2><button class="x" aria-label="Close" onClick={close}>×</button></header>{children}</div></dialog>;
+  return <dialog ref={box} aria-label={title} onClose={close} onClick={e => { if (e.target === box.current) close(); }}><div class="inside"><header><h2>{title}</h2><button class="x" aria-label={tr('Close')} onClick={close}>×</button></header>{children}</div></dialog>;
 }
 
 function Save({ name, close, save }: { name: string; close: () => void; save: (name: string, replace: boolean) => Promise<void> }) {
   const [text, setText] = useState(name);
   const [replace, setReplace] = useState(false);
   const [refusal, setRefusal] = useState<Refusal | null>(null);
-  return <Dialog title="Save scenario" close={close}><form onSubmit={e => { e.preventDefault(); save(text, replace).catch(setRefusal); }}>
-    <label>Name <input type="text" value={text} onInput={e => setText((e.target as HTMLInputElement).value)} autoFocus /> .toml</label>
-    <p class="note">Beside the scenario that was opened. With every change at its time it repeats this line bit for bit.</p>
-    <label class="check"><input type="checkbox" checked={replace} onChange={e => setReplace((e.target as HTMLInputElement).checked)} /> replace a file of this name</label>
+  return <Dialog title={tr('Save scenario')} close={close}><form onSubmit={e => { e.preventDefault(); save(text, replace).catch(setRefusal); }}>
+    <label>{tr('Name')} <input type="text" value={text} onInput={e => setText((e.target as HTMLInputElement).value)} autoFocus /> .toml</label>
+    <p class="note">{tr('Beside the scenario that was opened. With every change at its time it repeats this line bit for bit.')}</p>
+    <label class="check"><input type="checkbox" checked={replace} onChange={e => setReplace((e.target as HTMLInputElement).checked)} /> {tr('replace a file of this name')}</label>
     {refusal && <p class="wrong" role="alert">{refusal.problem}{refusal.hint && `; ${refusal.hint}`}</p>}
-    <footer><button type="button" onClick={close}>Cancel</button><button class="main" type="submit">Save</button></footer>
+    <footer><button type="button" onClick={close}>{tr('Cancel')}</button><button class="main" type="submit">{tr('Save')}</button></footer>
   </form></Dialog>;
 }

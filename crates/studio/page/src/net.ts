@@ -5,9 +5,13 @@ import { tracksOf } from '../../../sim/web/run.js';
 
 export type RunEvent = { n: number; t: number; robot: string; kind: string; text: string; detail: string | null; position: [number, number] | null };
 export type LineState = {
-  id: number; name: string; what: string; kind: 'driven' | 'ghost' | 'recorded'; parent: [string, number] | null; over: boolean;
+  id: number; name: string; what: string; kind: 'driven' | 'ghost' | 'recorded'; parent: [string, number] | null; over: boolean; /** Whose random numbers it has. */ trial: number;
   verdict: 'passed' | 'failed' | 'stopped' | null; sentence: string | null; end: number | null; duration: number; events: RunEvent[];
+  metrics: { robot: string; metrics: Metric[] }[] | null;
 };
+export type Metric = { name: string; value: number | string | null; unit: string };
+/** A panel of the project, and what differs when its file was written anew. */
+export type PanelInfo = { name: string; version: string };
 export type RobotState = {
   name: string; level: string; drive: string; task: string | null; driving: string | null; offers: string[];
   controllers: { name: string; kind: string; law: string | null; file: string | null }[];
@@ -15,9 +19,9 @@ export type RobotState = {
 export type State = {
   file: string; playing: boolean; speed: number; active: number; lines: LineState[]; undo: string | null; redo: string | null;
   changed: boolean; saved: string | null; notice: string | null; scenarios: string[]; changes: [number, string, number][];
-  robots: RobotState[]; beacons: { name: string; position: [number, number]; radius: number }[]; ghosts: string[];
+  robots: RobotState[]; beacons: { name: string; position: [number, number]; radius: number }[]; ghosts: string[]; batch: boolean;
 };
-export type PlotSpec = { title: string; unit: string; lines: { signal: string; label: string; role: string }[]; limits?: { value: number; label: string }[]; scale?: number };
+export type PlotSpec = { title: string; unit: string; lines: { signal: string; label: string; role: string }[]; limits?: { value: number; label: string }[]; scale?: number; kind?: 'time' | 'phase' | 'spectrum'; /** What a phase plot has on its other axis. */ x?: string };
 export type Scene = {
   extra: { title?: string; arena: Run['arena']; robots: Robot[] }; name: string; hash: string; step: number; period: number;
   signals: { path: string; unit: string }[]; drawn: number[]; plots: PlotSpec[]; numbers: [string, number, boolean][];
@@ -89,6 +93,7 @@ type Waiting = { done: (value: unknown) => void; failed: (refusal: Refusal) => v
 export class Link {
   lines = new Map<number, Line>();
   state: State | null = null;
+  panels: PanelInfo[] = [];
   isOpen = false;
   /** Bytes that came, for the foot of the page. */
   bytes = 0;
@@ -129,6 +134,9 @@ export class Link {
         if (own) own.run.events = line.events.filter(e => e.kind !== 'change') as Run['events'];
       }
       this.onState();
+    } else if (said.kind === 'panels') {
+      this.panels = said.panels;
+      this.onState();
     } else {
       const waiting = this.waiting.get(said.re);
       this.waiting.delete(said.re);
@@ -160,12 +168,13 @@ export class Link {
     });
   }
 
-  series(line: number, signals: string[], from: number, to: number, points: number): Promise<Series> {
+  /** Signals by time, or their amplitudes by frequency, Hz in the place of times. */
+  series(line: number, signals: string[], from: number, to: number, points: number, spectrum = false): Promise<Series> {
     return new Promise(done => {
       if (!this.isOpen) return;
       const series = this.next++;
       this.asked.set(series, done);
-      this.socket?.send(JSON.stringify({ series, line, signals, from, to, points }));
+      this.socket?.send(JSON.stringify({ series, line, signals, from, to, points, ...(spectrum ? { spectrum } : {}) }));
     });
   }
 }

@@ -3,6 +3,7 @@
 import { useState } from 'preact/hooks';
 import { significant } from '../../../sim/web/draw.js';
 import type { Line, State } from './net';
+import { tr } from './words';
 import { rangeOf, unitOf } from './look';
 
 type Props = {
@@ -30,31 +31,31 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
   const shown = words.length > 0 ? all.filter(([path]) => words.every(w => path.toLowerCase().includes(w))).slice(0, 40)
     : all.filter(([path]) => rank(path) < 20).sort((a, b) => rank(a[0]) - rank(b[0])).slice(0, 8);
   const now = (path: string, first: number) => { for (let k = state.changes.length - 1; k >= 0; k--) if (state.changes[k][1] === path) return state.changes[k][2]; return first; };
-  return <aside class="left" aria-label="Controls">
-    <section id="set-up"><h2>Set-up <kbd>1</kbd></h2>
-      <label class="row" title="robot"><span>robot</span><select value={chosen} onChange={e => choose(Number((e.target as HTMLSelectElement).value))}>{state.robots.map((r, i) => <option value={i}>{r.name}</option>)}</select></label>
-      <div class="row" role="group" aria-label="level" title={base + 'level: from the beginning'}><span>level</span><div class="seg">{['kinematic', 'rolling', 'slip'].map(level => <button aria-pressed={robot.level === level} title={`${base}level = "${level}": drives the task again at this level, up to now`} onClick={() => void run({ do: 'edit', set: [[base + 'level', `"${level}"`]] })}>{level}</button>)}</div></div>
-      <label class="row" title={base + 'drive'}><span>drive</span><select value={robot.drive} disabled={robot.level === 'kinematic'} onChange={e => void run({ do: 'edit', set: [[base + 'drive', `"${(e.target as HTMLSelectElement).value}"`]] })}><option value="as-built">as built</option><option value="torque">torque</option><option value="dc-motor">dc-motor</option></select></label>
-      <label class="row" title={base + 'controller: another takes over at this instant'}><span>controller</span>
+  return <aside class="left" aria-label={tr('Controls')}>
+    <section id="set-up"><h2>{tr('Set-up')} <kbd>1</kbd></h2>
+      <label class="row" title="robot"><span>{tr('robot')}</span><select value={chosen} onChange={e => choose(Number((e.target as HTMLSelectElement).value))}>{state.robots.map((r, i) => <option value={i}>{r.name}</option>)}</select></label>
+      <div class="row" role="group" aria-label="level" title={base + 'level: from the beginning'}><span>{tr('level')}</span><div class="seg">{['kinematic', 'rolling', 'slip'].map(level => <button aria-pressed={robot.level === level} title={`${base}level = "${level}": drives the task again at this level, up to now`} onClick={() => void run({ do: 'edit', set: [[base + 'level', `"${level}"`]] })}>{level}</button>)}</div></div>
+      <label class="row" title={base + 'drive'}><span>{tr('drive')}</span><select value={robot.drive} disabled={robot.level === 'kinematic'} onChange={e => void run({ do: 'edit', set: [[base + 'drive', `"${(e.target as HTMLSelectElement).value}"`]] })}><option value="as-built">as built</option><option value="torque">torque</option><option value="dc-motor">dc-motor</option></select></label>
+      <label class="row" title={base + 'controller: another takes over at this instant'}><span>{tr('controller')}</span>
         <select aria-label="controller" value={robot.driving ?? ''} disabled={!robot.driving} onChange={e => { const to = (e.target as HTMLSelectElement).value; void run(robot.controllers.some(c => c.name === to) ? { do: 'swap', robot: robot.name, to, at: at() } : { do: 'engage', robot: robot.name, with: to, at: at() }); }}>
-          {!robot.driving && <option value="">none</option>}
-          <optgroup label="of the scenario">{robot.controllers.map(c => <option value={c.name}>{label(c.name)}</option>)}</optgroup>
-          {robot.offers.length > 0 && <optgroup label="built in">{robot.offers.map(name => <option value={name}>{name === 'hand' ? 'hand: W A S D' : name}</option>)}</optgroup>}
+          {!robot.driving && <option value="">{tr('none')}</option>}
+          <optgroup label={tr('of the scenario')}>{robot.controllers.map(c => <option value={c.name}>{label(c.name)}</option>)}</optgroup>
+          {robot.offers.length > 0 && <optgroup label={tr('built in')}>{robot.offers.map(name => <option value={name}>{name === 'hand' ? 'hand: W A S D' : name}</option>)}</optgroup>}
         </select></label>
-      <div class="row"><span>task</span><output title={base + 'task'}>{robot.task ?? 'none'}</output></div>
+      <div class="row"><span>{tr('task')}</span><output title={base + 'task'}>{robot.task ?? tr('none')}</output></div>
     </section>
-    <section id="parameters"><h2>Parameters <kbd>2</kbd></h2>
-      <input type="text" class="find" placeholder="find: left radius" aria-label="Find parameters" value={filter} onInput={e => setFilter((e.target as HTMLInputElement).value)} />
+    <section id="parameters"><h2>{tr('Parameters')} <kbd>2</kbd></h2>
+      <input type="text" class="find" placeholder={tr('find: left radius')} aria-label={tr('Find parameters')} value={filter} onInput={e => setFilter((e.target as HTMLInputElement).value)} />
       {shown.map(([path, first]) => <Slider key={line.scene.name + path} path={path} short={short(path)} first={first} value={now(path, first)} change={change} />)}
-      {shown.length === 0 && <p class="empty">{words.length > 0 ? 'No number has all these words.' : 'This scenario has no numbers that change while robots drive.'}</p>}
+      {shown.length === 0 && <p class="empty">{words.length > 0 ? tr('No number has all these words.') : tr('This scenario has no numbers that change while robots drive.')}</p>}
     </section>
-    <section id="beacons"><h2>Beacons <span>{state.beacons.length} of 15</span></h2>
-      <ul class="beacons">{state.beacons.map(b => <li><b>{b.name}</b><span>{b.position[0].toFixed(2)}, {b.position[1].toFixed(2)} m</span><button class="x" aria-label={`Remove beacon ${b.name}`} title={`Remove ${b.name}`} onClick={() => void run({ do: 'remove-beacon', name: b.name })}>×</button></li>)}</ul>
-      <button class="add" aria-pressed={placing} disabled={state.beacons.length >= 15} onClick={() => setPlacing(!placing)} title="Then click in the arena; beacons can be dragged">Place a beacon</button>
+    <section id="beacons"><h2>{tr('Beacons')} <span>{state.beacons.length} {tr('of')} 15</span></h2>
+      <ul class="beacons">{state.beacons.map(b => <li><b>{b.name}</b><span>{b.position[0].toFixed(2)}, {b.position[1].toFixed(2)} m</span><button class="x" aria-label={`${tr('Remove beacon')} ${b.name}`} title={`${tr('Remove beacon')} ${b.name}`} onClick={() => void run({ do: 'remove-beacon', name: b.name })}>×</button></li>)}</ul>
+      <button class="add" aria-pressed={placing} disabled={state.beacons.length >= 15} onClick={() => setPlacing(!placing)} title={tr('Then click in the arena; beacons can be dragged')}>{tr('Place a beacon')}</button>
     </section>
-    <section id="events"><h2>Events</h2>
+    <section id="events"><h2>{tr('Events')}</h2>
       <ol class="events">{state.lines.find(l => l.id === state.active)?.events.slice(-40).map(e => <li data-kind={e.kind}><span class="n">{e.n}</span><span>{e.text}{e.detail ? `, ${e.detail}` : ''}</span><em>{e.t.toFixed(2)} s</em></li>)}</ol>
-      {state.lines.find(l => l.id === state.active)?.events.length === 0 && <p class="empty">Press <kbd>Space</kbd>: what happens is listed here.</p>}
+      {state.lines.find(l => l.id === state.active)?.events.length === 0 && <p class="empty">{tr('Press Space: what happens is listed here.')}</p>}
     </section>
   </aside>;
 }

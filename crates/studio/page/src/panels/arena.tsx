@@ -1,22 +1,23 @@
 // The arena: the report's drawing in a window that pans, zooms and follows, with what runs along.
 
 import { useEffect, useRef, useState } from 'preact/hooks';
-import { drawBeacons, drawGoal, drawGround, drawMoving, drawOrigin, drawRobot, drawScaleBar, drawTerrain, forceScale, gridSteps, robotColor, speedLimit, trailPoints, trailRuns, viewOf } from '../../../sim/web/arena.js';
-import { clamp, eventMark, label, multiples, niceStep, pathText, plain, px, simplify, tickText, viridis } from '../../../sim/web/draw.js';
-import { indexAt, stateAt } from '../../../sim/web/run.js';
-import type { Line, Link } from './net';
+import { drawBeacons, drawGoal, drawGround, drawMoving, drawOrigin, drawRobot, drawScaleBar, drawTerrain, forceScale, gridSteps, robotColor, trailPoints, trailRuns, viewOf } from '../../../../sim/web/arena.js';
+import { clamp, eventMark, label, multiples, niceStep, pathText, plain, px, simplify, tickText } from '../../../../sim/web/draw.js';
+import { indexAt, stateAt, type Tracks } from '../../../../sim/web/run.js';
+import { componentPanel, eachPicture, type ViewProps } from '../panel';
+import { Shade, SPEED } from '../shade';
+import type { Line } from '../net';
+import type { Studio } from '../studio';
+import { saveArena } from '../save';
+import { tr } from '../words';
 
 type View = ReturnType<typeof viewOf>;
 type Drag = { beacon: string | null; moved: boolean; x: number; y: number; gesture: number };
-export type Follow = 'fit' | 'follow' | 'free';
 
-export const GHOSTS = ['purple', 'sky', 'green', 'orange', 'blue', 'vermilion'];
-
-type Props = {
-  link: Link; line: Line; others: { line: Line; color: string; dash: boolean }[];
-  time: () => number; follow: Follow; setFollow: (follow: Follow) => void; measuring: boolean;
-  forces: boolean; onBeacon: (name: string, x: number, y: number, gesture: number) => void; onGround: (x: number, y: number) => void; placing: boolean;
-  onSeek: (t: number) => void;
+type Props = Pick<Studio, 'link' | 'line' | 'others' | 'time' | 'follow' | 'setFollow' | 'measuring' | 'forces' | 'placing'> & {
+  onBeacon: (name: string, x: number, y: number, gesture: number) => void; onGround: (x: number, y: number) => void; onSeek: (t: number) => void;
+  /** What colors the trail: a signal of the first robot, or its speed. */
+  shade: string; fail: (error: unknown) => void;
 };
 
 export function Arena(props: Props) {
@@ -49,14 +50,23 @@ export function Arena(props: Props) {
     const layer = (name: string) => svg.querySelector(`[data-layer="${name}"]`) as SVGGElement;
     const layers = { ground: layer('ground'), others: layer('others'), trail: layer('trail'), top: layer('top'), moving: layer('moving'), rim: layer('rim') };
     let view: View = kept.current.view;
-    let shown = { time: NaN, rows: -1, trail: -1, until: -1, fastest: 1, newton: 0, scaled: 0 };
-    let handle = 0;
+    let shown = { time: NaN, rows: -1, trail: -1, until: -1, newton: 0, scaled: 0 };
+    const shade = new Shade(props.link, props.line, props.shade);
 
     const fit = (width: number, height: number) => {
       const { run } = latest.current.line;
       const [w, h] = run.arena.size;
-      const scale = Math.max(1, Math.min((width - 60) / w, (height - 110) / h));
-      return viewOf(scale, (width - w * scale) / 2, (height + h * scale) / 2);
+      // Beside or below the card in the corner, whichever leaves more; above the legend.
+      const card = root.parentElement?.querySelector('.who') as HTMLElement | null;
+      const legend = root.parentElement?.querySelector('.legend') as HTMLElement | null;
+      const foot = height - (legend ? height - legend.offsetTop + 10 : 40);
+      const [right, bottom] = card ? [card.offsetLeft + card.offsetWidth + 34, card.offsetTop + card.offsetHeight + 10] : [46, 50];
+      const windows = [[46, Math.max(50, bottom), width - 20, foot], [right, 54, width - 20, foot]];
+      const scales = windows.map(([x0, y0, x1, y1]) => Math.min((x1 - x0) / w, (y1 - y0) / h));
+      const best = scales[0] >= scales[1] ? 0 : 1;
+      const scale = Math.max(1, scales[best]);
+      const [x0, y0, x1, y1] = windows[best];
+      return viewOf(scale, (x0 + x1 - w * scale) / 2, (y0 + y1 + h * scale) / 2);
     };
 
     const ground = (width: number, height: number) => {
@@ -76,18 +86,30 @@ export function Arena(props: Props) {
       // Numbers along the rims of the window.
       const { numbers } = gridSteps(view.scale);
       let rim = '';
+      const card = root.parentElement?.querySelector('.who') as HTMLElement | null;
+      const under = card ? card.offsetTop + card.offsetHeight + 12 : 24;
       const [w, h] = run.arena.size;
       for (const x of multiples(Math.max(0, low[0]), Math.min(w, high[0]), numbers)) if (view.x(x) > 46 && view.x(x) < width - 30) rim += label(view.x(x) + 4, height - 7, tickText(x, numbers) + ' m', 'tick halo');
-      for (const y of multiples(Math.max(0, low[1]), Math.min(h, high[1]), numbers)) if (view.y(y) > 60 && view.y(y) < height - 26) rim += label(6, view.y(y) - 4, tickText(y, numbers) + ' m', 'tick halo');
-      const bar = niceStep(Math.min(160, width * 0.25) / view.scale, 1);
-      rim += drawScaleBar(width - 24 - bar * view.scale, height - 38, bar, view.scale);
+      for (const y of multiples(Math.max(0, low[1]), Math.min(h, high[1]), numbers)) if (view.y(y) > under && view.y(y) < height - 66) rim += label(6, view.y(y) - 4, tickText(y, numbers) + ' m', 'tick halo');
+      const bar = niceStep(120 / view.scale, 1);
+      const scaleBar = root.parentElement?.querySelector('[data-bar]');
+      if (scaleBar) {
+        scaleBar.setAttribute('width', String(Math.ceil(bar * view.scale) + 4));
+        scaleBar.innerHTML = drawScaleBar(2, 24, bar, view.scale);
+      }
       const points = rulerNow.current;
       if (points.length > 0) {
         const at = points.map(p => [view.x(p[0]), view.y(p[1])]);
         rim += `<path d="M${at.map(p => `${px(p[0])} ${px(p[1])}`).join('L')}" class="ruler"/>` + at.map(p => `<circle cx="${px(p[0])}" cy="${px(p[1])}" r="4" class="ruler-end"/>`).join('');
-        if (points.length === 2) {
-          const [dx, dy] = [points[1][0] - points[0][0], points[1][1] - points[0][1]];
-          rim += label((at[0][0] + at[1][0]) / 2 + 8, (at[0][1] + at[1][1]) / 2 - 10, `${Math.hypot(dx, dy).toFixed(3)} m, ${(Math.atan2(dy, dx) * 180 / Math.PI).toFixed(1)}°`, 'bold halo');
+        const degrees = (radians: number) => `${(radians * 180 / Math.PI).toFixed(1)}°`.replace('-', '−');
+        for (let k = 1; k < points.length; k++) {
+          const [dx, dy] = [points[k][0] - points[k - 1][0], points[k][1] - points[k - 1][1]];
+          rim += label((at[k - 1][0] + at[k][0]) / 2 + 8, (at[k - 1][1] + at[k][1]) / 2 - 10, `${Math.hypot(dx, dy).toFixed(3)} m${points.length === 2 ? `, ${degrees(Math.atan2(dy, dx))}` : ''}`, 'bold halo');
+        }
+        if (points.length === 3) {
+          const [a, b] = [points[0], points[2]].map(p => Math.atan2(p[1] - points[1][1], p[0] - points[1][0]));
+          const turn = Math.abs(Math.atan2(Math.sin(b - a), Math.cos(b - a)));
+          rim += label(at[1][0] + 12, at[1][1] + 20, `∠ ${degrees(turn)}`, 'bold halo');
         }
       }
       layers.rim.innerHTML = rim;
@@ -98,9 +120,9 @@ export function Arena(props: Props) {
       const { line } = latest.current;
       line.run.robots.forEach((_, i) => {
         const all = line.tracks[i];
-        const part = { ...all, time: all.time.slice(from), x: all.x.slice(from), y: all.y.slice(from), speed: all.speed.slice(from) };
+        const part = piece(all, from, all.time.length);
         const own = robotColor(line.run, i);
-        const runs = trailRuns(view, part, shown.fastest);
+        const runs = trailRuns(view, part, 1, undefined, shade.color);
         const casing = `<path d="${pathText(trailPoints(view, part))}" class="casing"/>`;
         const body = runs.map(r => `<path d="${r.path}" ${own ? `class="s-${own}"` : `stroke="${r.color}"`}/>`).join('');
         const group = document.createElementNS('http://www.w3.org/2000/svg', 'g');
@@ -109,8 +131,12 @@ export function Arena(props: Props) {
       });
     };
 
-    const frame = () => {
-      handle = requestAnimationFrame(frame);
+    // A stretch of tracks, with what colors it, between 0 and 1, in the place of its speed.
+    const piece = (all: Tracks, from: number, until: number): Tracks => ({
+      ...all, time: all.time.slice(from, until), x: all.x.slice(from, until), y: all.y.slice(from, until), speed: all.time.slice(from, until).map((_, k) => shade.part(all, from + k)),
+    });
+
+    const stop = eachPicture(props.fail, () => {
       const { line, others, follow, time, forces } = latest.current;
       const width = root.clientWidth, height = root.clientHeight;
       const t = time();
@@ -126,13 +152,17 @@ export function Arena(props: Props) {
       }
       if (rows < shown.rows) moved = true;
       // Scales follow the run, but not at every frame.
-      if (moved || rows - shown.scaled > 25) {
-        const fastest = speedLimit(line.run);
+      if (moved || rows - shown.scaled > 25 || shade.isNew) {
         shown.newton = forceScale(line.run);
-        if (fastest !== shown.fastest) { shown.fastest = fastest; moved = true; }
+        if (shade.scale()) moved = true;
         shown.scaled = rows;
-        const scaleText = root.querySelector('[data-fastest]');
-        if (scaleText) scaleText.textContent = plain(fastest);
+        const legend = root.parentElement?.querySelector('[data-shade]');
+        if (legend) {
+          (legend.querySelector('i') as HTMLElement).style.background = shade.gradient();
+          const [low, high] = legend.querySelectorAll('b');
+          low.textContent = plain(shade.low).replace('-', '−');
+          high.textContent = plain(shade.high);
+        }
       }
       const grown = rows !== shown.rows;
       if (!moved && !grown && t === shown.time) return;
@@ -150,10 +180,9 @@ export function Arena(props: Props) {
       layers.trail.style.opacity = until < rows - 2 ? '0.35' : '';
       let svg = '';
       if (until < rows - 2) line.run.robots.forEach((_, i) => {
-        const all = line.tracks[i];
-        const part = { ...all, time: all.time.slice(0, until + 1), x: all.x.slice(0, until + 1), y: all.y.slice(0, until + 1), speed: all.speed.slice(0, until + 1) };
+        const part = piece(line.tracks[i], 0, until + 1);
         const own = robotColor(line.run, i);
-        svg += `<g class="trail">${trailRuns(view, part, shown.fastest).map(r => `<path d="${r.path}" ${own ? `class="s-${own}"` : `stroke="${r.color}"`}/>`).join('')}</g>`;
+        svg += `<g class="trail">${trailRuns(view, part, 1, undefined, shade.color).map(r => `<path d="${r.path}" ${own ? `class="s-${own}"` : `stroke="${r.color}"`}/>`).join('')}</g>`;
       });
       for (const other of others) other.line.run.robots.forEach((robot, i) => { svg += drawRobot(view, robot, stateAt(other.line.tracks[i], robot, t), { ghost: `ghost-line s-${other.color}` }); });
       svg += drawMoving(view, line.run, line.tracks, t, { scale: forces ? shown.newton : 0 });
@@ -170,7 +199,7 @@ export function Arena(props: Props) {
       }
       layers.moving.innerHTML = svg;
       shown = { ...shown, time: t, rows, until };
-    };
+    });
 
     // Hands ---------------------------------------------------------------------------------------
     const place = (event: PointerEvent | WheelEvent | MouseEvent): [number, number] => {
@@ -208,7 +237,7 @@ export function Arena(props: Props) {
       if (drag && !drag.moved) {
         const at = place(event);
         const { measuring, placing, onGround, line, onSeek } = latest.current;
-        if (measuring) setRuler(rulerNow.current.length === 1 ? [rulerNow.current[0], at] : [at]);
+        if (measuring) setRuler(rulerNow.current.length < 3 ? [...rulerNow.current, at] : [at]);
         else if (placing) onGround(at[0], at[1]);
         else {
           let best = 14 / view.scale, t = NaN;
@@ -249,9 +278,8 @@ export function Arena(props: Props) {
     svg.addEventListener('wheel', wheel, { passive: false });
     addEventListener('studio-zoom', zoom);
     addEventListener('studio-redraw', redraw);
-    handle = requestAnimationFrame(frame);
     return () => {
-      cancelAnimationFrame(handle);
+      stop();
       kept.current = { view, drag };
       removeEventListener('studio-zoom', zoom);
       removeEventListener('studio-redraw', redraw);
@@ -261,13 +289,77 @@ export function Arena(props: Props) {
       svg.removeEventListener('pointercancel', cancel);
       svg.removeEventListener('wheel', wheel);
     };
-  }, [props.line]);
+  }, [props.line, props.shade]);
 
-  const single = props.line.run.robots.length === 1;
   return <div class="arena" ref={holder}>
-    <svg class="picture" role="img" aria-label={`Arena of ${props.line.scene.name}`} width="100%" height="100%">
+    <svg class="picture" role="img" aria-label={`${tr('Arena of')} ${props.line.scene.name}`} width="100%" height="100%">
       <g data-layer="ground" /><g data-layer="others" /><g data-layer="trail" /><g data-layer="top" /><g data-layer="moving" /><g data-layer="rim" />
     </svg>
-    {single && <div class="card scale"><span>speed on the path, m/s</span><i style={{ background: `linear-gradient(90deg,${[0, 0.25, 0.5, 0.75, 1].map(u => viridis(u)).join()})` }} /><span class="ends"><b>0</b><b data-fastest>1</b></span></div>}
   </div>;
 }
+
+/** How far two lines are apart at an instant. */
+function apart(one: Line, other: Line, t: number): string {
+  const robot = one.run.robots[0]?.name;
+  if (!robot || t > Math.max(one.end, other.end) + 1e-9) return '';
+  const d = Math.hypot(one.at(`robot.${robot}.pose.x`, t) - other.at(`robot.${robot}.pose.x`, t), one.at(`robot.${robot}.pose.y`, t) - other.at(`robot.${robot}.pose.y`, t));
+  return Number.isFinite(d) ? d < 1 ? `${(d * 100).toFixed(1)} cm ${tr('off')}` : `${d.toFixed(2)} m ${tr('off')}` : '';
+}
+
+/** What runs along, and what could. */
+export function Along({ studio, t }: { studio: Studio; t: number }) {
+  const { state, line, about, others, run } = studio;
+  return <section class="card who" aria-label={tr('Lines')}>
+    <h2>{others.length > 0 ? tr('Running along') : tr('One line')}</h2>
+    <ul>
+      <li><svg width="24" height="8" aria-hidden="true"><path d="M0 4H24" stroke="#7ad151" stroke-width="4" /></svg><span>{about.name}, {about.what}</span><em>{tr('this one')}</em></li>
+      {others.map(({ about: one, line: own, color: name, dash }) => <li>
+        <svg width="24" height="8" aria-hidden="true"><path d="M0 4H24" style={{ stroke: `var(--${name})` }} stroke-width="1.6" stroke-dasharray={dash ? '5 3' : undefined} /></svg>
+        {one.kind === 'ghost' ? <span>{one.name}</span> : <button class="bare" title={`${tr('Go on with line')} ${one.name}`} onClick={() => void run({ do: 'activate', line: one.id })}>{one.name}, {one.what}</button>}
+        <em>{apart(line, own, t)}</em>
+        <button class="x" aria-label={`${tr('Leave out')} ${one.name}`} title={tr('Leave out')} onClick={() => void run(one.kind === 'ghost' ? { do: 'ghost', level: one.name, on: false } : { do: 'drop', line: one.id })}>×</button></li>)}
+    </ul>
+    <div class="along"><span>{tr('run along')}</span>{['kinematic', 'rolling', 'slip'].map(level => <button class="chip" disabled={state.robots.every(r => r.level === level)} aria-pressed={state.ghosts.includes(level)} title={`${tr('The same task beside this run at level')} ${level}`} onClick={() => void run({ do: 'ghost', level, on: !state.ghosts.includes(level) })}>{level}</button>)}</div>
+  </section>;
+}
+
+/** The choice of what colors the trail, with its scale. */
+export function ShadeLegend({ studio, shade, choose }: { studio: Studio; shade: string; choose: (path: string) => void }) {
+  const { line } = studio;
+  const own = `robot.${line.run.robots[0]?.name}.`;
+  const signals = line.scene.signals.filter(s => s.path.startsWith(own));
+  const unit = shade === SPEED ? 'm/s' : line.scene.signals.find(s => s.path === shade)?.unit ?? '';
+  return <div class="card shade" data-shade>
+    <select aria-label={tr('Color of the trail')} title={tr('Color of the trail')} value={shade} onChange={e => choose((e.target as HTMLSelectElement).value)}>
+      <option value={SPEED}>{tr('speed on the path')}</option>{signals.map(s => <option value={s.path}>{s.path.slice(own.length)}</option>)}
+    </select><span>{unit === '1' ? '' : unit}</span><b>0</b><i /><b>1</b></div>;
+}
+
+function ArenaView({ host, studio, frame }: ViewProps) {
+  const { line, follow, setFollow, measuring, setMeasuring, forces, setForces, stream, run, setPlacing, seek } = studio;
+  const known = (path: unknown) => typeof path === 'string' && line.scene.signals.some(s => s.path === path);
+  const [shade, setShade] = useState<string>(known(host.settings.shade) ? host.settings.shade as string : SPEED);
+  const chosen = shade === SPEED || known(shade) ? shade : SPEED;
+  const isSingle = line.run.robots.length === 1;
+  return <div class="view">
+    <Arena {...studio} shade={chosen} fail={host.fail}
+      onBeacon={(name, x, y, gesture) => stream({ do: 'edit', gesture, set: [[`arena.beacon.${name}.position`, `[${x.toFixed(3)}, ${y.toFixed(3)}]`]] })}
+      onGround={(x, y) => { setPlacing(false); void run({ do: 'add-beacon', position: [Number(x.toFixed(3)), Number(y.toFixed(3))] }); }} onSeek={seek} />
+    <div class="tools">
+      <button aria-pressed={follow === 'follow'} onClick={() => setFollow('follow')} title={tr('Keep the robot in the middle')}>{tr('Follow')} <kbd>F</kbd></button>
+      <button aria-pressed={follow === 'fit'} onClick={() => setFollow('fit')} title={tr('Show the whole arena')}>{tr('Fit')} <kbd>0</kbd></button>
+      <button aria-pressed={measuring} onClick={() => setMeasuring(!measuring)} title={tr('Click two points for their distance and heading, a third for the angle')}>{tr('Measure')} <kbd>M</kbd></button>
+      <button aria-pressed={forces} onClick={() => setForces(!forces)} title={tr('Contact forces with their friction limits')}>{tr('Forces')} <kbd>G</kbd></button>
+      <button class="opt" onClick={() => saveArena(line, studio.theme)} title={tr('This run in the arena, as SVG')}>SVG</button>
+    </div>
+    <Along studio={studio} t={frame.time} />
+    <div class="legend">
+      {forces && forceScale(line.run) > 0 && <div class="card" aria-label={tr('Forces')}><svg width="30" height="14" aria-hidden="true"><path d="M0 4h22" style={{ stroke: 'var(--blue)' }} stroke-width="2.2" /><path d="M21 1l7 3l-7 3z" style={{ fill: 'var(--blue)' }} /><path d="M0 11h22" style={{ stroke: 'var(--vermilion)' }} stroke-width="2.2" /><path d="M21 8l7 3l-7 3z" style={{ fill: 'var(--vermilion)' }} /></svg><span class="far">{tr('forces, left and right')}</span>{line.run.arena.friction ? <><svg width="16" height="16" aria-hidden="true"><circle cx="8" cy="8" r="6.5" fill="none" style={{ stroke: 'var(--vermilion)' }} stroke-dasharray="1.5 3" stroke-linecap="round" /></svg>{tr('limit')} μN</> : null}</div>}
+      <span class="grow" />
+      {isSingle && <ShadeLegend studio={studio} shade={chosen} choose={path => { setShade(path); host.keep({ shade: path }); }} />}
+      <div class="card"><svg class="picture" data-bar width="80" height="30" role="img" aria-label={tr('Scale')} /></div>
+    </div>
+  </div>;
+}
+
+export const arena = componentPanel('Arena', ArenaView);
