@@ -9,6 +9,7 @@ mod batch;
 mod command;
 mod edits;
 mod line;
+mod plugins;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -51,6 +52,7 @@ pub struct Studio {
     file: PathBuf,
     overrides: Vec<(String, String)>,
     batch: Option<Opened>,
+    hashes: plugins::Hashes,
     trust_native: bool,
     saved: Option<String>,
     notice: Option<String>,
@@ -85,6 +87,7 @@ impl Studio {
             file: file.to_owned(),
             overrides: overrides.to_vec(),
             batch: None,
+            hashes: plugins::Hashes::default(),
             trust_native,
             saved: None,
             notice: None,
@@ -349,6 +352,9 @@ impl Studio {
                 self.drive_anew(document, edited, format!("beacon {name} removed"), None)?;
             }
             Command::Engage { robot, with, at } => self.engage(&robot, &with, at)?,
+            Command::Load { robot, file } => self.load(&robot, &file)?,
+            Command::Reload { robot, name, at } => self.take_anew(&robot, &name, at)?,
+            Command::Unload { robot, name } => self.unload(&robot, &name)?,
             Command::Branch { at } => {
                 let before = self.active().document()?;
                 let from = self.active;
@@ -522,6 +528,7 @@ impl Studio {
             "beacons": active.loaded.scenario.arena.beacon,
             "ghosts": self.ghosts,
             "batch": self.batch.is_some(),
+            "plugins": self.plugins(),
         })
     }
 }

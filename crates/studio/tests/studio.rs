@@ -336,3 +336,91 @@ fn peer_replayed_trials_have_the_figures_of_the_batch() {
     assert!(refused.expect_err("its noise").contains("random numbers"));
     std::fs::remove_dir_all(&folder).expect("removes");
 }
+
+/// A plug-in is loaded, takes over, is taken anew and left out while a line goes on; what was kept repeats it.
+#[test]
+fn golden_plugins_come_and_go() {
+    let folder = std::env::temp_dir().join(format!("appell-studio-plugins-{}", std::process::id()));
+    std::fs::create_dir_all(folder.join("robots")).expect("a folder");
+    std::fs::create_dir_all(folder.join("scenarios")).expect("a folder");
+    let copy = |from: &str, to: &str| {
+        std::fs::copy(root().join(from), folder.join(to)).expect("copies");
+    };
+    copy("scenarios/slalom.toml", "scenarios/slalom.toml");
+    copy("robots/three-wheeler.toml", "robots/three-wheeler.toml");
+    copy("examples/plugins/slalom.py", "scenarios/slalom.py");
+    let mut studio = Studio::open(&folder.join("scenarios/slalom.toml"), &[], false)
+        .unwrap_or_else(|error| panic!("{error}"));
+    drive(&mut studio, 500);
+    let files = studio.state()["plugins"]["files"].clone();
+    assert_eq!(files[0]["file"], "slalom.py");
+    assert_eq!(files[0]["host"], "python");
+    assert_eq!(files[0]["hash"].as_str().map(str::len), Some(64));
+    for (command, word) in [
+        (
+            json!({"do": "load", "robot": "tri", "file": "../robots/x.py"}),
+            "beside",
+        ),
+        (
+            json!({"do": "load", "robot": "nobody", "file": "slalom.py"}),
+            "no robot",
+        ),
+        (
+            json!({"do": "reload", "robot": "tri", "name": "controller"}),
+            "plug-in",
+        ),
+        (
+            json!({"do": "unload", "robot": "tri", "name": "controller"}),
+            "drives",
+        ),
+        (
+            json!({"do": "unload", "robot": "tri", "name": "nobody"}),
+            "stands by",
+        ),
+    ] {
+        let refusal = say(&mut studio, command.clone()).expect_err("is refused");
+        assert!(refusal.contains(word), "{command}: {refusal}");
+    }
+    // One that cannot be opened leaves everything as it was.
+    std::fs::write(folder.join("scenarios/broken.py"), "no python at all").expect("writes");
+    let rows = studio.active().rows();
+    assert!(
+        say(
+            &mut studio,
+            json!({"do": "load", "robot": "tri", "file": "broken.py"})
+        )
+        .is_err()
+    );
+    assert_eq!(studio.active().rows(), rows);
+    told(
+        &mut studio,
+        json!({"do": "load", "robot": "tri", "file": "slalom.py"}),
+    );
+    told(
+        &mut studio,
+        json!({"do": "swap", "robot": "tri", "to": "slalom"}),
+    );
+    drive(&mut studio, 500);
+    assert_eq!(studio.state()["robots"][0]["driving"], "slalom");
+    told(
+        &mut studio,
+        json!({"do": "reload", "robot": "tri", "name": "slalom"}),
+    );
+    assert_eq!(studio.state()["robots"][0]["driving"], "slalom-v1");
+    assert!(folder.join("scenarios/slalom-v1.py").exists());
+    drive(&mut studio, 500);
+    assert_repeats(studio.active());
+    // What an old change names stays; what nothing names goes.
+    let unload = |name: &str| json!({"do": "unload", "robot": "tri", "name": name});
+    assert!(say(&mut studio, unload("slalom")).is_err());
+    told(
+        &mut studio,
+        json!({"do": "reload", "robot": "tri", "name": "slalom"}),
+    );
+    let names = |studio: &Studio| studio.state()["plugins"]["named"].to_string();
+    assert!(names(&studio).contains("slalom-v2"));
+    told(&mut studio, unload("slalom-v2"));
+    assert!(!names(&studio).contains("slalom-v2"));
+    assert_repeats(studio.active());
+    std::fs::remove_dir_all(&folder).expect("removes");
+}

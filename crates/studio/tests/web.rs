@@ -99,6 +99,15 @@ impl Served {
     }
 }
 
+/// Memory of this process, KiB, where the system tells.
+fn resident() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.trim().trim_end_matches(" kB").trim().parse().ok()
+}
+
 fn status(answer: &str) -> u16 {
     let code = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
     code.unwrap_or_else(|| panic!("no answer: {answer:?}"))
@@ -336,13 +345,15 @@ async fn refusal_of_too_much() {
     }
     let much = json!({"do": "speed", "factor": 1000});
     assert_eq!(status(&served.post(&much).await), 422);
-    // A thousand sockets that say nothing: most are dropped at once, the others soon.
+    // Ten thousand sockets that say nothing: most are dropped at once, the others soon, and memory stays.
+    let before = resident();
     let mut slow = Vec::new();
-    for _ in 0..1000 {
+    for _ in 0..10_000 {
         if let Ok(stream) = TcpStream::connect(("127.0.0.1", served.port)).await {
             slow.push(stream);
         }
     }
+    assert!(slow.len() > 5_000, "{} were opened", slow.len());
     tokio::time::sleep(Duration::from_secs(6)).await;
     let answer = served.get(&format!("/{TOKEN}/"), &served.host()).await;
     assert_eq!(
@@ -350,6 +361,14 @@ async fn refusal_of_too_much() {
         200,
         "it is there again while they are open"
     );
+    if let (Some(before), Some(after)) = (before, resident()) {
+        let growth = after.saturating_sub(before);
+        println!(
+            "{} slow sockets: {growth} KiB more, of both ends",
+            slow.len()
+        );
+        assert!(growth < 64 << 10, "{growth} KiB more");
+    }
     drop(slow);
     // A flood of messages ends the page that sends it, not the run.
     let mut page = served.page().await;

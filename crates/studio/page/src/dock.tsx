@@ -17,7 +17,7 @@ export type Layout = Record<Area, { open: string[]; shown: string | null }>;
 
 export const FIRST: Layout = {
   main: { open: ['arena', 'space', 'profile'], shown: 'arena' }, under: { open: [], shown: null },
-  right: { open: ['plots', 'table'], shown: 'plots' }, below: { open: [], shown: null },
+  right: { open: ['plots', 'table', 'plugins'], shown: 'plots' }, below: { open: [], shown: null },
 };
 
 /** Opens a panel in an area, and takes it from where it was. */

@@ -20,7 +20,10 @@ export type State = {
   file: string; playing: boolean; speed: number; active: number; lines: LineState[]; undo: string | null; redo: string | null;
   changed: boolean; saved: string | null; notice: string | null; scenarios: string[]; changes: [number, string, number][];
   robots: RobotState[]; beacons: { name: string; position: [number, number]; radius: number }[]; ghosts: string[]; batch: boolean;
+  plugins: { named: PluginInfo[]; files: { file: string; host: string; hash: string | null }[] };
 };
+/** A plug-in that the scenario names. */
+export type PluginInfo = { robot: string; name: string; file: string; host: string; hash: string | null; period: number; standby: boolean };
 export type PlotSpec = { title: string; unit: string; lines: { signal: string; label: string; role: string }[]; limits?: { value: number; label: string }[]; scale?: number; kind?: 'time' | 'phase' | 'spectrum'; /** What a phase plot has on its other axis. */ x?: string };
 export type Scene = {
   extra: { title?: string; arena: Run['arena']; robots: Robot[] }; name: string; hash: string; step: number; period: number;

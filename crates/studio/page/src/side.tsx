@@ -51,6 +51,8 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
     </section>
     <section id="beacons"><h2>{tr('Beacons')} <span>{state.beacons.length} {tr('of')} 15</span></h2>
       <ul class="beacons">{state.beacons.map(b => <li><b>{b.name}</b><span>{b.position[0].toFixed(2)}, {b.position[1].toFixed(2)} m</span><button class="x" aria-label={`${tr('Remove beacon')} ${b.name}`} title={`${tr('Remove beacon')} ${b.name}`} onClick={() => void run({ do: 'remove-beacon', name: b.name })}>×</button></li>)}</ul>
+      <div class="row size"><span>{tr('arena')}</span>{['x', 'y'].map((axis, k) => <label><span class="sr">{tr('arena')}, {axis}, m</span><input type="number" min="0.5" max="1000" step="0.5" title={`arena.size.${k}, m`} value={line.run.arena.size[k]}
+        onChange={e => { const size = [...line.run.arena.size]; size[k] = Number((e.target as HTMLInputElement).value); if (size[k] > 0) void run({ do: 'edit', set: [['arena.size', `[${size.map(v => v.toFixed(3)).join(', ')}]`]] }); }} /></label>)}<span>m</span></div>
       <button class="add" aria-pressed={placing} disabled={state.beacons.length >= 15} onClick={() => setPlacing(!placing)} title={tr('Then click in the arena; beacons can be dragged')}>{tr('Place a beacon')}</button>
     </section>
     <section id="events"><h2>{tr('Events')}</h2>

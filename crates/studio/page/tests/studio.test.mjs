@@ -74,6 +74,8 @@ test('a law takes over while it drives, and a beacon is dragged', async () => {
   // At once, though time does not run.
   await until('drives', s => s.robots[0].driving === 'stanley');
   assert.equal(await page.getByLabel('controller', { exact: true }).inputValue(), 'stanley');
+  // The line was driven anew: its picture is drawn first.
+  await page.waitForTimeout(500);
   const box = await page.locator('svg .beacon').nth(4).boundingBox();
   await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
   await page.mouse.down();
@@ -99,6 +101,19 @@ test('hands drive by keys', async () => {
   assert.ok(driven.changes.some(c => c[1].endsWith('forward.signal.value') && c[2] > 0));
   await page.keyboard.press('Space');
   await until('holds', s => !s.playing);
+});
+
+test('a gamepad drives, and lets go', async () => {
+  await page.evaluate(() => { window.stick = [-0.5, -1]; navigator.getGamepads = () => [{ axes: window.stick, buttons: [] }]; });
+  await page.keyboard.press('Space');
+  const last = (s, channel) => s.changes.filter(c => c[1].includes(`${channel}.signal.value`)).at(-1)?.[2];
+  const driven = await until('is told', s => last(s, 'forward') === 0.5 && last(s, 'yaw_rate') > 0);
+  assert.ok(Math.abs(last(driven, 'yaw_rate') - 0.6) < 1e-9);
+  await page.evaluate(() => { window.stick = [0.04, 0.02]; });
+  await until('lets go', s => last(s, 'forward') === 0 && last(s, 'yaw_rate') === 0);
+  await page.keyboard.press('Space');
+  await until('holds', s => !s.playing);
+  await page.evaluate(() => { navigator.getGamepads = () => []; });
 });
 
 test('what was saved repeats from the command line, bit for bit', async () => {

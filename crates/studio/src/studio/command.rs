@@ -113,6 +113,29 @@ pub enum Command {
         /// Instant, s.
         at: Option<f64>,
     },
+    /// Lets a plug-in beside the scenario stand by.
+    Load {
+        /// Name of the robot.
+        robot: String,
+        /// Its file.
+        file: String,
+    },
+    /// Takes a plug-in anew from its file, as a version of its own.
+    Reload {
+        /// Name of the robot.
+        robot: String,
+        /// Its name among the controllers.
+        name: String,
+        /// Instant, s.
+        at: Option<f64>,
+    },
+    /// Leaves out a controller that stands by.
+    Unload {
+        /// Name of the robot.
+        robot: String,
+        /// Its name.
+        name: String,
+    },
     /// A new line from an instant of this one on.
     Branch {
         /// The instant, s.

@@ -2,9 +2,7 @@
 
 use appell_sim::change::is_changeable;
 use appell_sim::crowd::is_crowd;
-use appell_sim::scenario::{
-    self, Controller, Law, Level, Loaded, Overrides, Robot, Scenario, Standby,
-};
+use appell_sim::scenario::{self, Controller, Law, Level, Loaded, Overrides, Robot, Scenario};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -278,8 +276,8 @@ impl Studio {
         at: Option<f64>,
     ) -> Result<(), Refusal> {
         let document = self.active().document()?;
-        let mut scenario = document.scenario.clone();
-        let Some(own) = scenario.robot.iter_mut().find(|own| own.name == robot) else {
+        let own = document.scenario.robot.iter().find(|own| own.name == robot);
+        let Some(own) = own else {
             return Err(Refusal::new(format!("there is no robot {robot:?}"), ""));
         };
         if own.controllers().all(|(name, _)| name != with) {
@@ -287,23 +285,7 @@ impl Studio {
                 HAND => hand(own),
                 law => follower(own, law)?,
             };
-            own.standby.push(Standby {
-                name: with.to_owned(),
-                controller,
-            });
-            // Who stands by changes nothing before it takes over: the line is the same, bit for bit.
-            let loaded = self.reload(&scenario, &[])?;
-            let old = self.active();
-            let (name, what, tick) = (old.name.clone(), old.what.clone(), old.tick());
-            let (is_over, from) = (old.is_over(), self.active);
-            let mut line = self.begin(loaded, name, what, Kind::Driven)?;
-            line.drive_to(if is_over { u64::MAX } else { tick });
-            self.replace(line);
-            for undo in self.undo.iter_mut().chain(&mut self.redo) {
-                if undo.from == Some(from) {
-                    undo.from = Some(self.active);
-                }
-            }
+            self.stand_by(robot, with, controller)?;
         }
         self.swap(robot, with, at)
     }

@@ -1,7 +1,7 @@
 // The arena: the report's drawing in a window that pans, zooms and follows, with what runs along.
 
 import { useEffect, useRef, useState } from 'preact/hooks';
-import { drawBeacons, drawGoal, drawGround, drawMoving, drawOrigin, drawRobot, drawScaleBar, drawTerrain, forceScale, gridSteps, robotColor, trailPoints, trailRuns, viewOf } from '../../../../sim/web/arena.js';
+import { drawBeacons, drawGoal, drawGround, drawMoving, drawOrigin, drawRobot, drawScaleBar, drawTerrain, forceScale, gridSteps, reachOf, robotColor, trailPoints, trailRuns, viewOf } from '../../../../sim/web/arena.js';
 import { clamp, eventMark, label, multiples, niceStep, pathText, plain, px, simplify, tickText } from '../../../../sim/web/draw.js';
 import { indexAt, stateAt, type Tracks } from '../../../../sim/web/run.js';
 import { componentPanel, eachPicture, type ViewProps } from '../panel';
@@ -10,6 +10,9 @@ import type { Line } from '../net';
 import type { Studio } from '../studio';
 import { saveArena } from '../save';
 import { tr } from '../words';
+
+/** Pieces of trails before they are joined. */
+const PIECES_MAX = 1200;
 
 type View = ReturnType<typeof viewOf>;
 type Drag = { beacon: string | null; moved: boolean; x: number; y: number; gesture: number };
@@ -50,7 +53,7 @@ export function Arena(props: Props) {
     const layer = (name: string) => svg.querySelector(`[data-layer="${name}"]`) as SVGGElement;
     const layers = { ground: layer('ground'), others: layer('others'), trail: layer('trail'), top: layer('top'), moving: layer('moving'), rim: layer('rim') };
     let view: View = kept.current.view;
-    let shown = { time: NaN, rows: -1, trail: -1, until: -1, newton: 0, scaled: 0 };
+    let shown = { time: NaN, rows: -1, trail: -1, until: -1, newton: 0, scaled: 0, follow: '', events: 0 };
     const shade = new Shade(props.link, props.line, props.shade);
 
     const fit = (width: number, height: number) => {
@@ -144,13 +147,18 @@ export function Arena(props: Props) {
       if (rows === 0) return;
       let moved = dirty.current;
       if (dirty.current && follow === 'fit') view = fit(width, height);
+      if (shown.follow === '') shown.follow = follow === 'follow' && view.scale === 100 ? 'fit' : follow;
       if (follow === 'follow') {
         const s = stateAt(line.tracks[0], line.run.robots[0], t);
-        const scale = follow === 'follow' && view.scale < 30 ? 160 : view.scale;
+        // From afar one comes near enough to see the forces.
+        const near = 0.085 * Math.min(width, height) / reachOf(line.run.robots[0]);
+        const scale = shown.follow === 'fit' ? Math.max(view.scale, near) : view.scale;
         const next = viewOf(scale, width / 2 - s.x * scale, height / 2 + s.y * scale);
         if (Math.abs(next.x(0) - view.x(0)) + Math.abs(next.y(0) - view.y(0)) > 0.3 || next.scale !== view.scale) { view = next; moved = true; }
       }
-      if (rows < shown.rows) moved = true;
+      shown.follow = follow;
+      if (rows < shown.rows || line.run.events.length !== shown.events) moved = true;
+      shown.events = line.run.events.length;
       // Scales follow the run, but not at every frame.
       if (moved || rows - shown.scaled > 25 || shade.isNew) {
         shown.newton = forceScale(line.run);
@@ -175,7 +183,13 @@ export function Arena(props: Props) {
       } else if (grown && others.length > 0) {
         layers.others.innerHTML = others.map(({ line, color, dash }) => line.tracks.map(tracks => `<path d="${pathText(trailPoints(view, tracks))}" class="other s-${color}"${dash ? ' stroke-dasharray="6 5"' : ''}/>`).join('')).join('');
       }
-      if (rows - shown.trail >= 2 && (moved || rows - shown.trail > 3 || !grown)) { trail(Math.max(0, shown.trail - 1)); shown.trail = rows; }
+      // Pieces are added as it grows, less often for many robots, and joined when they have become many.
+      const many = 3 + line.run.robots.length / 2;
+      if (rows - shown.trail >= 2 && (moved || rows - shown.trail > many || !grown)) {
+        if (layers.trail.childElementCount > PIECES_MAX) { layers.trail.innerHTML = ''; shown.trail = 0; }
+        trail(Math.max(0, shown.trail - 1));
+        shown.trail = rows;
+      }
       // What is ahead of the time that is looked at is faint.
       layers.trail.style.opacity = until < rows - 2 ? '0.35' : '';
       let svg = '';

@@ -240,8 +240,8 @@ export function connect(host: OwnHost): Panel {
 
   const look = () => {
     const [w, h] = host.studio().line.run.arena.size;
-    controls.target.set(w / 2, h / 2, 0);
-    const far = Math.max(w / Math.max(0.6, camera.aspect), h) * 1.42 + 0.4;
+    controls.target.set(w / 2, h * 0.46, 0);
+    const far = Math.max(w / Math.max(0.6, camera.aspect), h) * 1.5 + 0.5;
     camera.position.set(w / 2 - far * 0.2, h / 2 - far * 0.95, far * 0.72);
     controls.update();
   };

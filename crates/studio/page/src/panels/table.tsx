@@ -22,7 +22,7 @@ function TableView({ studio, host, frame }: ViewProps) {
   return <div class="view scrolls table-view">
     <h2>{tr('Figures')}</h2>
     {names.length === 0 ? <p class="empty">{tr('Figures stand here when a line is over: let time run, or choose free as its speed.')}</p>
-      : <table><thead><tr><th scope="col">{robot}</th>{shown.map((line, k) => <th scope="col" title={line.what}>{line.name}{k > 0 && <em>− {about.name}</em>}</th>)}</tr></thead><tbody>
+      : <table data-lines={shown.length}><thead><tr><th scope="col">{robot}</th>{shown.map((line, k) => <th scope="col" title={line.what}>{line.name}{k > 0 && <em>− {about.name}</em>}</th>)}</tr></thead><tbody>
         <tr><th scope="row">{tr('verdict')}</th>{shown.map(line => <td data-verdict={line.verdict}>{line.verdict ? tr(line.verdict) : '–'}</td>)}</tr>
         {names.map(name => {
           const all = shown.map(line => of(line).find(m => m.name === name));
