@@ -249,6 +249,10 @@ impl History {
         while end >= first + 2 && self.times[end - 1] - self.times[end - 2] < 0.999 * period {
             end -= 1;
         }
+        if period.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+            // Without a rate there are no frequencies.
+            end = first;
+        }
         let rows = first.max(end.saturating_sub(spectrum::ROWS_MAX))..end;
         let mut planner = FftPlanner::new();
         let mut columns = Vec::new();

@@ -12,7 +12,7 @@ use super::{Studio, Undo};
 
 /// Most numbers that a page is sent; of more trials some are left out evenly.
 const NUMBERS_MAX: usize = 1 << 20;
-/// Trials that are shown beside each other.
+/// Trials, and branches of them, that are shown beside each other.
 const TRIALS_SHOWN: usize = 4;
 
 /// A folder that `appell batch` has written.
@@ -39,7 +39,7 @@ impl Opened {
     /// Reads a folder.
     pub fn read(folder: &Path) -> Result<Opened, Refusal> {
         let store = Store::existing(folder)?;
-        let (summary, trials) = batch::sum_up(&store)?;
+        let (_, trials) = batch::sum_up(&store)?;
         let batch = Batch::new(&folder.join("scenario.toml"), &[], None, &[], None)?;
         let manifest = store.manifest();
         let own = batch.manifest();
@@ -83,7 +83,6 @@ impl Opened {
             "columns": manifest.columns,
             "every": every,
             "variants": trials.iter().enumerate().map(of_variant).collect::<Vec<_>>(),
-            "same_version": summary.version == env!("CARGO_PKG_VERSION"),
         });
         Ok(Opened {
             batch,
@@ -128,8 +127,8 @@ impl Studio {
         self.lines
             .retain(|line| !matches!(line.kind, Kind::Ghost(_)));
         self.active = line.id;
-        // The line of the scenario alone goes with the first trial.
-        self.lines.retain(|one| one.name.starts_with("trial "));
+        // The line of the scenario alone goes when the first trial comes.
+        self.lines.retain(|one| one.name != "A");
         self.lines.push(line);
         if self.lines.len() > TRIALS_SHOWN {
             self.lines.remove(0);

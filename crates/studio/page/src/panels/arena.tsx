@@ -33,7 +33,7 @@ export function Arena(props: Props) {
   rulerNow.current = ruler;
   const dirty = useRef(true);
   // A drag of a beacon makes new lines: window and drag outlive them.
-  const kept = useRef<{ view: View; drag: Drag | null }>({ view: viewOf(100, 0, 0), drag: null });
+  const kept = useRef<{ view: View; drag: Drag | null; follow: string }>({ view: viewOf(100, 0, 0), drag: null, follow: 'fit' });
 
   useEffect(() => { dirty.current = true; }, [props.line, props.follow, props.others.map(o => o.line.id).join(), size, props.forces, ruler, props.measuring]);
   useEffect(() => { if (!props.measuring) setRuler([]); }, [props.measuring]);
@@ -53,7 +53,7 @@ export function Arena(props: Props) {
     const layer = (name: string) => svg.querySelector(`[data-layer="${name}"]`) as SVGGElement;
     const layers = { ground: layer('ground'), others: layer('others'), trail: layer('trail'), top: layer('top'), moving: layer('moving'), rim: layer('rim') };
     let view: View = kept.current.view;
-    let shown = { time: NaN, rows: -1, trail: -1, until: -1, newton: 0, scaled: 0, follow: '', events: 0 };
+    let shown = { time: NaN, rows: -1, trail: -1, until: -1, newton: 0, scaled: 0, follow: kept.current.follow, events: 0 };
     const shade = new Shade(props.link, props.line, props.shade);
 
     const fit = (width: number, height: number) => {
@@ -147,7 +147,6 @@ export function Arena(props: Props) {
       if (rows === 0) return;
       let moved = dirty.current;
       if (dirty.current && follow === 'fit') view = fit(width, height);
-      if (shown.follow === '') shown.follow = follow === 'follow' && view.scale === 100 ? 'fit' : follow;
       if (follow === 'follow') {
         const s = stateAt(line.tracks[0], line.run.robots[0], t);
         // From afar one comes near enough to see the forces.
@@ -294,7 +293,7 @@ export function Arena(props: Props) {
     addEventListener('studio-redraw', redraw);
     return () => {
       stop();
-      kept.current = { view, drag };
+      kept.current = { view, drag, follow: shown.follow };
       removeEventListener('studio-zoom', zoom);
       removeEventListener('studio-redraw', redraw);
       svg.removeEventListener('pointerdown', down);

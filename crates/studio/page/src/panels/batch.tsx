@@ -8,7 +8,7 @@ import { tr } from '../words';
 
 type Column = { name: string; unit: string; group: string };
 type Variant = { name: string; trials: number[]; passed: boolean[]; values: (number | null)[][]; count: number; passes: number };
-type BatchFigures = { scenario: string; title: string; seed: number; has_task: boolean; columns: Column[]; every: number; variants: Variant[]; same_version: boolean };
+type BatchFigures = { scenario: string; title: string; seed: number; has_task: boolean; columns: Column[]; every: number; variants: Variant[] };
 
 const BINS = 36;
 const BOX = { left: 64, top: 62, right: 62, bottom: 46 };

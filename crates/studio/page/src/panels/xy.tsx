@@ -9,6 +9,9 @@ import type { Studio } from '../studio';
 import { tr } from '../words';
 import { axisRange, colorsOf, shortPath } from './plots';
 
+/** Newest rows of a curve: they are wanted as they are, since extremes of two signals do not belong together. */
+const ROWS_MAX = 16000;
+
 type Props = { studio: Studio; spec: PlotSpec; count: number; fail: (error: unknown) => void; children: ComponentChildren };
 
 const extremes = (columns: Float32Array[]): [number, number] => {
@@ -44,9 +47,9 @@ export function XyPlot(props: Props) {
       if (asking || key === shown || now - last < 150) return;
       asking = true;
       last = now;
-      const [from, to] = span ?? [0, line.end];
+      const [first, to] = span ?? [0, line.end];
+      const from = isSpectrum ? first : Math.max(first, to - ROWS_MAX * line.scene.period);
       const signals = isSpectrum ? spec.lines.map(l => l.signal) : [spec.x ?? '', ...spec.lines.map(l => l.signal)];
-      // For a curve rows are wanted as they are: extremes of two signals do not belong together.
       void link.series(line.id, signals, from, to, isSpectrum ? Math.max(100, root.clientWidth) : 8192, isSpectrum).then(found => { asking = false; shown = key; setSeries(found); }).catch(props.fail);
     });
     return () => { stop(); resize.disconnect(); };
