@@ -113,9 +113,12 @@ function ObstacleView({ host }: ViewProps) {
   const [plays, setPlays] = useState(false);
   const set = (change: Partial<typeof obstacle>) => { const next = { ...obstacle, ...change }; setObstacle(next); host.keep({ obstacle: next }); };
   useEffect(() => {
+    // An answer that another question has overtaken is not shown.
+    let isOver = false;
     const wait = setTimeout(() => {
       fetch(`api/crossing?height=${obstacle.height}${obstacle.kind === 'trench' ? `&width=${obstacle.width}` : ''}`).then(async answer => {
         const said = await answer.json();
+        if (isOver) return;
         if (!answer.ok) { setProblem(said.problem); return; }
         setProblem('');
         setData(said);
@@ -123,7 +126,7 @@ function ObstacleView({ host }: ViewProps) {
         setNow(said.frames[keys[4] ?? 0]?.t ?? 0);
       }).catch(host.fail);
     }, 120);
-    return () => clearTimeout(wait);
+    return () => { isOver = true; clearTimeout(wait); };
   }, [obstacle.kind, obstacle.height, obstacle.width]);
   const end = data && data.frames.length > 0 ? data.frames[data.frames.length - 1].t : 0;
   useEffect(() => {
