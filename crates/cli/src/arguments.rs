@@ -40,6 +40,8 @@ pub enum Color {
 pub enum Command {
     /// Run scenarios: record, judge, and write summary, pictures and report.
     Run(RunOptions),
+    /// Drive a scenario by the commands in a bag of ROS 2, and compare its odometry with the recorded one.
+    Replay(ReplayOptions),
     /// Look at a run in the browser while it goes on, and change it.
     Studio(StudioOptions),
     /// Check a scenario or robot file, and report on the robot's design.
@@ -63,6 +65,8 @@ pub enum Command {
     /// Tell what a wheel-legged robot does about a step or a trench, let it cross, and draw the map of its
     /// strategies.
     Obstacle(ObstacleOptions),
+    /// Make a robot file of a URDF.
+    Import(ImportOptions),
     /// Write a starter scenario and robot into a new folder.
     New(NewOptions),
     /// Write, describe, list and test plug-ins: controllers of your own.
@@ -98,6 +102,17 @@ pub struct Changes {
     pub set: Vec<String>,
 }
 
+/// Formats of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RecordFormat {
+    /// Comma-separated values.
+    Csv,
+    /// Apache Parquet.
+    Parquet,
+    /// A bag of ROS 2.
+    Ros2,
+}
+
 /// Options of `run`.
 #[derive(Args)]
 pub struct RunOptions {
@@ -109,6 +124,10 @@ pub struct RunOptions {
     /// Output folder; of several scenarios each gets a folder in it [default: runs/NAME].
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Record in another format, too: csv, parquet, or ros2 for a bag of ROS 2 in the folder `ros2`; may be
+    /// repeated.
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub record: Vec<RecordFormat>,
     /// Record to CSV, too.
     #[arg(long)]
     pub csv: bool,
@@ -135,6 +154,42 @@ pub struct RunOptions {
     /// Seconds of simulated time per second [default: as fast as can be; with --watch 1].
     #[arg(long, value_name = "RATE", value_parser = pace)]
     pub pace: Option<f64>,
+}
+
+/// Options of `replay`.
+#[derive(Args)]
+pub struct ReplayOptions {
+    /// Bag of ROS 2: its folder, or the MCAP file in it.
+    pub bag: PathBuf,
+    /// Scenario file with the robot.
+    pub scenario: PathBuf,
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Robot, of several [default: the first].
+    #[arg(long)]
+    pub robot: Option<String>,
+    /// Topic of the commands, if there are several.
+    #[arg(long, value_name = "TOPIC")]
+    pub cmd_vel: Option<String>,
+    /// Topic of the odometry, if there are several.
+    #[arg(long, value_name = "TOPIC")]
+    pub odom: Option<String>,
+    /// A command older than this no longer counts, s.
+    #[arg(
+        long = "cmd-vel-timeout",
+        value_name = "SECONDS",
+        default_value_t = 0.5
+    )]
+    pub timeout: f64,
+    /// Output folder [default: runs/NAME-replay].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Print JSON instead of sentences.
+    #[arg(long)]
+    pub json: bool,
+    /// Write no report and no pictures.
+    #[arg(long)]
+    pub no_report: bool,
 }
 
 /// Options of `studio`.
@@ -525,6 +580,37 @@ pub struct ObstacleOptions {
     /// Print JSON instead of a sentence.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Options of `import`.
+#[derive(Args)]
+pub struct ImportOptions {
+    /// URDF, plain: `xacro FILE` writes macros out.
+    pub file: PathBuf,
+    /// Robot file to write [default: the URDF's name with .toml, in this folder].
+    #[arg(long, short)]
+    pub out: Option<PathBuf>,
+    /// Folder below which the file has to lie, after links are followed; may be repeated [default: the file's own].
+    #[arg(long, value_name = "DIR")]
+    pub root: Vec<PathBuf>,
+    /// Joints of the wheels that are driven [default: those with a transmission or a command interface].
+    #[arg(long, value_name = "JOINT", value_delimiter = ',')]
+    pub driven: Vec<String>,
+    /// Largest torque of a driven wheel, N·m [default: the limit of its joint].
+    #[arg(long, value_name = "TORQUE")]
+    pub torque_max: Option<f64>,
+    /// Largest rate of a driven wheel, rad/s [default: the limit of its joint].
+    #[arg(long, value_name = "RATE")]
+    pub rate_max: Option<f64>,
+    /// Wheels with rollers, and the angle from the rolling direction to the roller's axis, degrees.
+    #[arg(long, value_name = "JOINT=ANGLE", value_delimiter = ',')]
+    pub rollers: Vec<String>,
+    /// Mass of the body, kg [default: that of its links].
+    #[arg(long)]
+    pub mass: Option<f64>,
+    /// Radius of the disc that must not touch anything, m [default: that of the outline].
+    #[arg(long, value_name = "RADIUS")]
+    pub collision_radius: Option<f64>,
 }
 
 /// Options of `new`.

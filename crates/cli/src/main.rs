@@ -6,6 +6,7 @@ mod arguments;
 mod batch;
 mod check;
 mod compare;
+mod import;
 mod inverse;
 mod live;
 mod measure;
@@ -13,6 +14,7 @@ mod new;
 mod obstacle;
 mod plot;
 mod plugin;
+mod replay;
 mod run;
 mod sensitivity;
 mod studio;
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
         Command::Check(options) => check::check(&options),
         Command::Sensitivity(options) => sensitivity::sensitivity(&options),
         Command::Studio(options) => studio::studio(&options),
+        Command::Replay(options) => replay::replay(&options),
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),
@@ -56,6 +59,7 @@ fn main() -> ExitCode {
         Command::Measure(options) => measure::measure(&options),
         Command::Uneven(options) => uneven::uneven(&options),
         Command::Obstacle(options) => obstacle::obstacle(&options),
+        Command::Import(options) => import::import(&options),
         Command::New(options) => new::new(&options),
         Command::Plugin(command) => plugin::plugin(&command),
         Command::Schema(options) => {

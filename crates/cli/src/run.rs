@@ -6,7 +6,7 @@ use std::path::{Component, Path, PathBuf};
 use appell_sim::batch::Crew;
 use appell_sim::crowd::{Crowd, is_crowd};
 use appell_sim::record::{
-    Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording,
+    Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording, Rosbag,
 };
 use appell_sim::report::{self, Press};
 use appell_sim::run::{Outcome, Run, Summary};
@@ -14,7 +14,7 @@ use appell_sim::scenario::{self, Format, Loaded, Robot, Scenario};
 use appell_sim::world::SimError;
 use serde_json::Value;
 
-use crate::arguments::RunOptions;
+use crate::arguments::{RecordFormat, RunOptions};
 use crate::live::Live;
 use crate::{exit, terminal};
 
@@ -168,6 +168,28 @@ fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
     }
 }
 
+/// Runs a scenario into a folder, and prints nothing of it.
+pub fn driven(loaded: &Loaded, folder: &Path, options: &RunOptions) -> Result<Summary, Failure> {
+    let run = Run::new(loaded, 0);
+    let mut run = run.map_err(|diagnostics| Failure {
+        code: exit::BAD_INPUT,
+        text: diagnostics.to_string(),
+    })?;
+    let summary = execute(
+        &mut |recorder, progress| run.execute(recorder, progress),
+        loaded,
+        folder,
+        options,
+    )?;
+    match &summary.error {
+        None => Ok(summary),
+        Some(error) => Err(Failure {
+            code: exit::FAILED,
+            text: error.clone(),
+        }),
+    }
+}
+
 fn written(folder: &Path, options: &RunOptions) -> String {
     if options.no_report {
         format!("written to {}", folder.display())
@@ -239,6 +261,8 @@ fn execute(
         "recording.mcap",
         "recording.csv",
         "recording.parquet",
+        "ros2/metadata.yaml",
+        "ros2/ros2_0.mcap",
     ] {
         let path = folder.join(old);
         if path.exists() {
@@ -269,12 +293,21 @@ fn execute(
     let mut files: Vec<Box<dyn Recorder>> = Vec::new();
     if !options.no_recording {
         files.push(Box::new(Mcap::create(&folder.join("recording.mcap"))?));
-        if options.csv || formats.contains(&Format::Csv) {
+        let wanted = |asked: RecordFormat, format| {
+            options.record.contains(&asked) || formats.contains(&format)
+        };
+        if options.csv || wanted(RecordFormat::Csv, Format::Csv) {
             files.push(Box::new(Csv::create(&folder.join("recording.csv"))?));
         }
-        if options.parquet || formats.contains(&Format::Parquet) {
+        if options.parquet || wanted(RecordFormat::Parquet, Format::Parquet) {
             files.push(Box::new(Parquet::create(
                 &folder.join("recording.parquet"),
+            )?));
+        }
+        if wanted(RecordFormat::Ros2, Format::Ros2) {
+            files.push(Box::new(Rosbag::create(
+                &folder.join("ros2"),
+                &loaded.scenario,
             )?));
         }
     }

@@ -551,6 +551,8 @@ pub enum Format {
     Csv,
     /// Apache Parquet.
     Parquet,
+    /// A bag of ROS 2: the folder `ros2`, with standard messages in MCAP.
+    Ros2,
 }
 
 /// Default values, each named so that the manual can state it.

@@ -30,6 +30,13 @@ pub struct Platform {
     pub trailer: Option<Trailer>,
 }
 
+impl Platform {
+    /// The robot as TOML: a robot file.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a robot is plain data")
+    }
+}
+
 /// A trailer with two wheels on one axle, on a hitch. Its signals are those of a wheel called
 /// `trailer`: the hitch angle is its steering angle, its forces are those of both wheels together.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

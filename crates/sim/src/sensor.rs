@@ -206,7 +206,7 @@ pub fn believed<T: Scalar>(
 
 /// Rows (forward, left, yaw rate) over the driven wheels' rates: least squares, `[eq:kinematic]`,
 /// for wheels believed larger by `radius_scale` and a track believed wider by `track_scale`.
-fn twist_from_rates<T: Scalar>(
+pub(crate) fn twist_from_rates<T: Scalar>(
     platform: &Platform<T>,
     driven: &[usize],
     radius_scale: T,

@@ -186,6 +186,15 @@ fn provide(root: &Path) -> Result<(), String> {
         ],
     )?;
     need(
+        "rosbags, which reads bags of ROS 2",
+        works("python3", &["-c", "import rosbags"]),
+        "sh",
+        &[
+            "-c",
+            "python3 -m pip install rosbags || python3 -m pip install --break-system-packages rosbags",
+        ],
+    )?;
+    need(
         "npx (Node)",
         works("npx", &["--version"]),
         "sh",

@@ -20,6 +20,7 @@ mod memory;
 mod outlet;
 mod parquet;
 mod protobuf;
+pub mod rosbag;
 #[cfg(test)]
 mod tests;
 
@@ -36,6 +37,7 @@ pub use mcap::Mcap;
 pub use memory::Memory;
 pub use outlet::Sink;
 pub use parquet::Parquet;
+pub use rosbag::Rosbag;
 
 /// Most signals one file holds.
 const SIGNALS_MAX: usize = 1 << 16;
