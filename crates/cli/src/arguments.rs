@@ -42,6 +42,18 @@ pub enum Command {
     Run(RunOptions),
     /// Drive a scenario by the commands in a bag of ROS 2, and compare its odometry with the recorded one.
     Replay(ReplayOptions),
+    /// Drive a scenario's robots by cmd_vel, as a node of ROS 2 without an installation of it; `appell ros --help`
+    /// tells its options.
+    #[command(disable_help_flag = true)]
+    Ros {
+        /// Scenario file, and options of the node.
+        #[arg(
+            value_name = "SCENARIO",
+            trailing_var_arg = true,
+            allow_hyphen_values = true
+        )]
+        arguments: Vec<std::ffi::OsString>,
+    },
     /// Look at a run in the browser while it goes on, and change it.
     Studio(StudioOptions),
     /// Check a scenario or robot file, and report on the robot's design.

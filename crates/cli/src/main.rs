@@ -4,6 +4,7 @@
 
 mod arguments;
 mod batch;
+mod beside;
 mod check;
 mod compare;
 mod import;
@@ -15,6 +16,7 @@ mod obstacle;
 mod plot;
 mod plugin;
 mod replay;
+mod ros;
 mod run;
 mod sensitivity;
 mod studio;
@@ -52,6 +54,7 @@ fn main() -> ExitCode {
         Command::Sensitivity(options) => sensitivity::sensitivity(&options),
         Command::Studio(options) => studio::studio(&options),
         Command::Replay(options) => replay::replay(&options),
+        Command::Ros { arguments } => ros::ros(&arguments),
         Command::Plot(options) => plot::plot(&options),
         Command::Compare(options) => compare::compare(&options),
         Command::Inverse(options) => inverse::inverse(&options),

@@ -146,6 +146,8 @@ pub struct Run {
     pub paths: Vec<Option<Path>>,
     scenario: Scenario,
     integrators: Vec<String>,
+    /// Signals that are commanded from outside.
+    outsides: Vec<crate::signal::Signal>,
     pub(crate) script: Script,
     pub(crate) rewiring: Rewiring,
 }
@@ -501,6 +503,7 @@ impl Run {
             rewiring: Rewiring::new(&first, changes, trial, plans)?,
             scenario: scenario.clone(),
             integrators: assembly.integrators,
+            outsides: assembly.outsides,
             script: Script::of(scenario),
         };
         Ok((run, assembly.reaches))
@@ -509,6 +512,23 @@ impl Run {
     /// The scenario that is run.
     pub fn scenario(&self) -> &Scenario {
         &self.scenario
+    }
+
+    /// Sets what is commanded from outside: the value of a channel whose signal is `external`, from this
+    /// instant on. False where there is no such channel, or the value is not finite: nothing changes then.
+    pub fn command(&mut self, path: &str, value: f64) -> bool {
+        let is_outside = self.outsides.iter().any(|signal| signal.path == path);
+        match self
+            .world
+            .column(path)
+            .filter(|_| is_outside && value.is_finite())
+        {
+            Some(column) => {
+                self.world.write(0, column, value);
+                true
+            }
+            None => false,
+        }
     }
 
     /// Steps to the end, into `recorder`; `progress` is told the time now and then.

@@ -186,12 +186,26 @@ fn provide(root: &Path) -> Result<(), String> {
         ],
     )?;
     need(
-        "rosbags, which reads bags of ROS 2",
-        works("python3", &["-c", "import rosbags"]),
+        "rosbags, which reads bags of ROS 2, and cyclonedds, which speaks with its nodes",
+        works("python3", &["-c", "import rosbags, cyclonedds"]),
         "sh",
         &[
             "-c",
-            "python3 -m pip install rosbags || python3 -m pip install --break-system-packages rosbags",
+            "python3 -m pip install rosbags cyclonedds \
+             || python3 -m pip install --break-system-packages rosbags cyclonedds",
+        ],
+    )?;
+    need(
+        "a master of ROS 1",
+        works(
+            "test",
+            &["-x", "/usr/bin/roscore", "-a", "-x", "/usr/bin/rostopic"],
+        ),
+        "sh",
+        &[
+            "-c",
+            "apt-get update && apt-get install --yes --no-install-recommends python3-roslaunch python3-rostopic \
+             python3-geometry-msgs python3-sensor-msgs",
         ],
     )?;
     need(

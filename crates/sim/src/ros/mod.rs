@@ -106,6 +106,11 @@ impl Speaker {
         (names, gain)
     }
 
+    /// Names the frames of a robot's odometry and base, and says whether its odometry is a transform, too.
+    pub fn call_frames(&mut self, robot: usize, frames: &[String; 2], has_transform: bool) {
+        self.robots[robot].call_frames(frames, has_transform);
+    }
+
     /// Lets a robot sum its odometry by a law of its own.
     ///
     /// # Errors

@@ -72,6 +72,10 @@ struct Topics {
 pub(super) struct Talk {
     /// Before the names of its frames.
     prefix: String,
+    /// Names of the frames of its odometry and its base.
+    frames: [String; 2],
+    /// Whether its odometry is a transform, too.
+    has_transform: bool,
     topics: Topics,
     start: [f64; 3],
     pose: [usize; 3],
@@ -368,6 +372,8 @@ impl Talk {
         };
         Talk {
             prefix,
+            frames: ["odom", "base_link"].map(str::to_owned),
+            has_transform: true,
             topics,
             start: robot.pose,
             pose: ["x", "y", "yaw"].map(|axis| at(&format!("pose.{axis}"))),
@@ -402,6 +408,12 @@ impl Talk {
         &self.driven
     }
 
+    /// Names its frames, and says whether its odometry is a transform, too.
+    pub(super) fn call_frames(&mut self, frames: &[String; 2], has_transform: bool) {
+        self.frames = frames.clone();
+        self.has_transform = has_transform;
+    }
+
     /// Sums its odometry by a law from now on, from where it began; the wheel that it has not, if one is asked for.
     pub(super) fn reckon_by(&mut self, law: Box<dyn Reckon>) -> Result<(), String> {
         let mut columns = Vec::new();
@@ -418,6 +430,8 @@ impl Talk {
     fn header(&self, stamp: Time, frame: &str) -> Header {
         let frame_id = match frame {
             "" | "world" => frame.to_owned(),
+            "odom" => format!("{}{}", self.prefix, self.frames[0]),
+            "base_link" => format!("{}{}", self.prefix, self.frames[1]),
             _ => format!("{}{frame}", self.prefix),
         };
         Header { stamp, frame_id }
@@ -428,7 +442,7 @@ impl Talk {
         let pose = planar_pose(self.start);
         vec![TransformStamped {
             header: self.header(stamp, "world"),
-            child_frame_id: format!("{}odom", self.prefix),
+            child_frame_id: format!("{}{}", self.prefix, self.frames[0]),
             transform: Transform {
                 translation: pose.position,
                 rotation: pose.orientation,
@@ -497,7 +511,7 @@ impl Talk {
     ) -> Result<(), E> {
         let stamp = Time::of(t);
         let values = |columns: [usize; 3]| columns.map(|column| row[column]);
-        let base = format!("{}base_link", self.prefix);
+        let base = format!("{}{}", self.prefix, self.frames[1]);
         if self.reckon(t, row) {
             let estimate = &self.estimate;
             let pose = planar_pose(estimate.pose);
@@ -514,14 +528,16 @@ impl Talk {
                 },
             };
             say(self.topics.odom, Message::Odometry(Box::new(odometry)))?;
-            transforms.push(TransformStamped {
-                header: self.header(stamp, "odom"),
-                child_frame_id: base.clone(),
-                transform: Transform {
-                    translation: pose.position,
-                    rotation: pose.orientation,
-                },
-            });
+            if self.has_transform {
+                transforms.push(TransformStamped {
+                    header: self.header(stamp, "odom"),
+                    child_frame_id: base.clone(),
+                    transform: Transform {
+                        translation: pose.position,
+                        rotation: pose.orientation,
+                    },
+                });
+            }
         }
         let child = |frame: &str| format!("{}{frame}", self.prefix);
         for wheel in &self.wheels {

@@ -1,0 +1,6 @@
+//! Appell in ROS: a simulation that is commanded by `cmd_vel` and answers with odometry, transforms and sensors.
+
+pub mod drive;
+pub mod node;
+pub mod ros1;
+pub mod simulator;
