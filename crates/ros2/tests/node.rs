@@ -42,10 +42,14 @@ static TURN: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
 impl Node {
     fn start(domain: &str, more: &[&str]) -> Node {
+        Node::of("ros.toml", domain, more)
+    }
+
+    fn of(scenario: &str, domain: &str, more: &[&str]) -> Node {
         let turn = TURN
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner);
-        let scenario = format!("{}/../../scenarios/ros.toml", env!("CARGO_MANIFEST_DIR"));
+        let scenario = format!("{}/../../scenarios/{scenario}", env!("CARGO_MANIFEST_DIR"));
         let child = Command::new(env!("CARGO_BIN_EXE_appell-ros"))
             .args([&scenario, "--domain", domain])
             .args(more)
@@ -195,4 +199,163 @@ fn invariant_loopback_alone() {
         assert!(std::time::Instant::now() < deadline, "{lines:#?}");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
+}
+
+/// Of two robots each has its topics and frames below its name; a twist with a stamp is none without.
+#[test]
+fn peer_two_robots_below_their_names() {
+    if !has_peer("peer_two_robots_below_their_names") {
+        return;
+    }
+    let domain = domain(0);
+    let _node = Node::of("two-robots.toml", &domain, &[]);
+    let told: Value = serde_json::from_slice(&peer("two.py", &[&domain]).stdout).expect("JSON");
+    assert_eq!(
+        (&told["p3dx"][0], &told["p3dx"][1]),
+        (&"p3dx/odom".into(), &"p3dx/base_link".into())
+    );
+    assert_eq!(told["p3dx"][2], 0.0);
+    assert_eq!(told["tri"][0], "tri/odom");
+    let number = |k: usize| told["tri"][k].as_f64().expect("a number");
+    assert!(
+        number(2) >= 0.3 && number(3).abs() < 1e-6,
+        "{}",
+        told["tri"]
+    );
+    assert!((number(4) - 0.2).abs() < 1e-3, "{}", told["tri"]);
+}
+
+/// What services ask and answer on the wire.
+mod asked {
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Clone, Debug, Default, Deserialize, Serialize)]
+    pub struct Nothing {
+        pub structure_needs_at_least_one_member: u8,
+    }
+    #[derive(Clone, Debug, Deserialize, Serialize)]
+    pub struct Flag {
+        pub data: bool,
+    }
+    #[derive(Clone, Debug, Deserialize, Serialize)]
+    pub struct Done {
+        pub success: bool,
+        pub message: String,
+    }
+    #[derive(Clone, Debug, Deserialize, Serialize)]
+    pub struct SetPose {
+        pub header: appell_sim::ros::message::Header,
+        pub pose: appell_sim::ros::message::PoseWithCovariance,
+    }
+    impl ros2_client::Message for Nothing {}
+    impl ros2_client::Message for Flag {}
+    impl ros2_client::Message for Done {}
+    impl ros2_client::Message for SetPose {}
+}
+
+/// Services, asked by a node of the same library.
+#[test]
+fn known_answer_services() {
+    use appell_sim::ros::message::Odometry;
+    use asked::{Done, Flag, Nothing, SetPose};
+    use ros2_client::{
+        Context, ContextOptions, MessageTypeName, Name, NodeName, NodeOptions, QosProfile,
+        ServiceMapping, ServiceTypeName, Subscription,
+    };
+    use std::time::{Duration, Instant};
+
+    let domain = domain(3);
+    let _node = Node::start(&domain, &["--paused"]);
+    let options = ContextOptions::new().domain_id(domain.parse().expect("a number"));
+    let context = Context::with_options(options).expect("a context");
+    let name = NodeName::new("/", "asks").expect("a name");
+    let mut node = context.new_node(name, NodeOptions::new()).expect("a node");
+    let spinner = node.spinner().expect("a spinner");
+    std::thread::spawn(move || futures::executor::block_on(spinner.spin()));
+    let qos = QosProfile::publisher_default();
+    macro_rules! client {
+        ($asks:ty, $answers:ty, $space:literal, $name:literal, $package:literal, $kind:literal) => {
+            node.create_client::<$asks, $answers>(
+                ServiceMapping::Enhanced,
+                &Name::new($space, $name).expect("a name"),
+                &ServiceTypeName::new($package, $kind),
+                qos.clone(),
+                qos.clone(),
+            )
+            .expect("a client")
+        };
+    }
+    let pause = client!(Flag, Done, "/appell", "pause", "std_srvs", "SetBool");
+    let step = client!(Nothing, Done, "/appell", "step", "std_srvs", "Trigger");
+    let reset = client!(Nothing, Nothing, "/appell", "reset", "std_srvs", "Empty");
+    let set_pose = client!(
+        SetPose,
+        Nothing,
+        "/",
+        "set_pose",
+        "robot_localization",
+        "SetPose"
+    );
+    let topic = node
+        .create_topic(
+            &Name::new("/", "ground_truth").expect("a name"),
+            MessageTypeName::new("nav_msgs", "Odometry"),
+            &qos,
+        )
+        .expect("a topic");
+    let truth: Subscription<Odometry> = node.create_subscription(&topic, None).expect("heard");
+    let deadline = Instant::now() + Duration::from_secs(60);
+    macro_rules! ask {
+        ($client:expr, $request:expr) => {{
+            futures::executor::block_on($client.wait_for_service(&node));
+            $client.send_request($request).expect("sent");
+            loop {
+                if let Ok(Some((_, answer))) = $client.receive_response() {
+                    break answer;
+                }
+                assert!(Instant::now() < deadline, "no answer");
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        }};
+    }
+    // The last of what was said, after it has had time to come.
+    let last = || {
+        std::thread::sleep(Duration::from_millis(300));
+        let mut last = None;
+        while let Ok(Some((message, _))) = truth.take() {
+            last = Some(message);
+        }
+        last
+    };
+    // At rest it says a row for each second tick that it is asked for: the first, and the third.
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(last(), None);
+    for _ in 0..3 {
+        assert!(ask!(step, Nothing::default()).success);
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let third = last().expect("stepped");
+    assert_eq!(third.header.stamp.nanosec, 20_000_000);
+    // Let go it goes on, and cannot be stepped.
+    assert!(ask!(pause, Flag { data: false }).success);
+    assert!(!ask!(step, Nothing::default()).success);
+    let gone = last().expect("it goes on");
+    assert!(gone.header.stamp.seconds() > 0.1, "{gone:?}");
+    // Put elsewhere it is there, and time goes on.
+    let mut pose = SetPose {
+        header: Default::default(),
+        pose: Default::default(),
+    };
+    (pose.pose.pose.position.x, pose.pose.pose.position.y) = (1.0, 3.0);
+    ask!(set_pose, pose);
+    let placed = last().expect("it goes on");
+    let place = placed.pose.pose.position;
+    assert_eq!((place.x, place.y), (1.0, 3.0));
+    assert!(placed.header.stamp > gone.header.stamp);
+    // Begun anew, time does, too.
+    assert!(ask!(pause, Flag { data: true }).success);
+    ask!(reset, Nothing::default());
+    assert!(ask!(step, Nothing::default()).success);
+    let anew = last().expect("stepped");
+    assert_eq!(anew.header.stamp.seconds(), 0.0);
 }
