@@ -68,9 +68,21 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     fn core(&self) -> Option<Core> {
         None
     }
-    /// Rates of the core, and of no more. Gives the lanes in which a limit was met.
+    /// Rates of the summed states of the core, and of all angles: heading, wheels, casters. Gives the
+    /// lanes in which a limit was met.
     #[inline(always)]
     fn core_rates(&self, _x: &[T], _u: &[T], _rates: &mut [T]) -> T::Mask {
+        unreachable!("there is no core")
+    }
+    /// The same for the angles, and of the rates of the summed states what is not linear in these,
+    /// but for a constant.
+    #[inline(always)]
+    fn core_rest(&self, _x: &[T], _u: &[T], _rest: &mut [T]) -> T::Mask {
+        unreachable!("there is no core")
+    }
+    /// Rates of the wheels' angles alone.
+    #[inline(always)]
+    fn core_spins(&self, _x: &[T], _rates: &mut [T]) {
         unreachable!("there is no core")
     }
     /// Adds to the states beyond the core what their rates come to over a step, and renews the
@@ -86,25 +98,42 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     }
 }
 
-/// Where the core of a state lies, as ranges [from, to).
+/// Where the core of a state lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Core {
-    /// What its rates read, in two parts.
-    pub read: [(usize, usize); 2],
-    /// What the stages are summed for; the rest of it repeats states that are gathered.
+    /// The states that stages are summed for, as a range [from, to).
     pub summed: (usize, usize),
+    /// The angles of the wheels of which rates are given, likewise.
+    pub spins: (usize, usize),
+    /// The angles whose cosine and sine, which stand behind them, are read by the rates: the first one
+    /// apart, and those from an index on.
+    pub angles: (usize, usize),
+    /// How many the latter are.
+    pub swivels: usize,
+}
+
+impl Core {
+    /// Index of an angle, of which there are 1 + [`Core::swivels`].
+    #[inline(always)]
+    pub fn angle(&self, index: usize) -> usize {
+        if index == 0 {
+            self.angles.0
+        } else {
+            self.angles.1 + 3 * (index - 1)
+        }
+    }
 }
 
 /// The core at three nodes of a symmetric quadrature over a step: where f is a product of two states
 /// its integral is `weight` (f(first) + f(middle) + f(last)), and where it is one state `weight`
 /// (first + `share` middle + last), for the state in the middle is given `share` times as large.
 pub struct Nodes<'a, T> {
-    /// At the first node.
-    pub first: &'a [T],
-    /// At the middle node, times `share`.
-    pub middle: &'a [T],
-    /// At the last node.
-    pub last: &'a [T],
+    /// States at the first node, at the middle one times `share`, and at the last.
+    pub states: [&'a [T]; 3],
+    /// Rates of the wheels' angles, likewise.
+    pub rates: [&'a [T]; 3],
+    /// Whether `share` is two, of Simpson's rule: then no product is needed.
+    pub is_simpson: bool,
     /// Root of the ratio of the weights of the middle node and an outer one.
     pub share: T,
     /// Weight of an outer node, s.
@@ -115,13 +144,26 @@ impl<T: Scalar> Nodes<'_, T> {
     /// A state at each of them.
     #[inline(always)]
     pub fn state(&self, index: usize) -> [T; 3] {
-        [self.first[index], self.middle[index], self.last[index]]
+        let [first, middle, last] = self.states;
+        [first[index], middle[index], last[index]]
+    }
+
+    /// The rate of an angle at each of them.
+    #[inline(always)]
+    pub fn rate(&self, index: usize) -> [T; 3] {
+        let [first, middle, last] = self.rates;
+        [first[index], middle[index], last[index]]
     }
 
     /// Integral of what is linear in the states, over `weight`.
     #[inline(always)]
     pub fn sum(&self, a: [T; 3]) -> T {
-        self.share.mul_add(a[1], a[0] + a[2])
+        let outer = a[0] + a[2];
+        if self.is_simpson {
+            outer + (a[1] + a[1])
+        } else {
+            self.share.mul_add(a[1], outer)
+        }
     }
 }
 

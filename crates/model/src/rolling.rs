@@ -720,6 +720,18 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     }
 
     #[inline(always)]
+    fn core_rest(&self, x: &[T], u: &[T], rest: &mut [T]) -> T::Mask {
+        let shape = self.shape.as_ref().expect("a core is of a shape");
+        compiled::core_rest(shape, self, x, u, rest)
+    }
+
+    #[inline(always)]
+    fn core_spins(&self, x: &[T], rates: &mut [T]) {
+        let shape = self.shape.as_ref().expect("a core is of a shape");
+        shape.core_spins(x, rates);
+    }
+
+    #[inline(always)]
     fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
         let shape = self.shape.as_ref().expect("a core is of a shape");
         compiled::gather(shape, self, nodes, u, limited, x);

@@ -23,6 +23,7 @@ pub struct Exponential<T: Scalar> {
     propagators: [Propagator<T>; 4],
     slopes: [Vec<T>; 4],
     stage: Vec<T>,
+    others: [Vec<T>; 2],
     start: Vec<T>,
     rest: Vec<T>,
     input: Vec<T>,
@@ -87,6 +88,7 @@ impl<T: Scalar> Exponential<T> {
             propagators: core::array::from_fn(|_| propagator()),
             slopes: core::array::from_fn(|_| states()),
             stage: states(),
+            others: [states(), states()],
             start: states(),
             rest: vec![T::zero(); size],
             input: vec![T::zero(); sizes.input],
@@ -163,6 +165,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
     #[inline(always)]
     fn make<const N: usize, const Z: usize, S: Dynamics<T>>(self, system: &S) {
         let [mut x, mut stage] = [Aligned([T::zero(); N]); 2];
+        let [mut before, mut after] = [Aligned([T::zero(); N]); 2];
         let [mut first, mut middle, mut early, mut late] = [Aligned([T::zero(); N]); 4];
         let [mut start, mut rest] = [Aligned([T::zero(); Z]); 2];
         for k in 0..N {
@@ -186,6 +189,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
             let n = state.len();
             let buffers = if N == 0 {
                 let [first, middle, early, late] = &mut method.slopes;
+                let [before, after] = &mut method.others;
                 Buffers {
                     slopes: [
                         &mut first[..n],
@@ -194,6 +198,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
                         &mut late[..n],
                     ],
                     stage: &mut method.stage[..n],
+                    others: [&mut before[..n], &mut after[..n]],
                     start: &mut method.start[..method.size],
                     rest: &mut method.rest[..method.size],
                 }
@@ -201,13 +206,14 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
                 Buffers {
                     slopes: [&mut first.0, &mut middle.0, &mut early.0, &mut late.0],
                     stage: &mut stage.0,
+                    others: [&mut before.0, &mut after.0],
                     start: &mut start.0,
                     rest: &mut rest.0,
                 }
             };
             // No method of `Option`: what is known of it must stay so.
             if let (Some(core), Some(u)) = (system.core(), self.input.held()) {
-                nodes_core(system, core, u, self.dt, matrices, state, buffers);
+                nodes_core(system, core, u, self.dt, matrices.1, state, buffers);
                 continue;
             }
             let from = if N == 0 { method.range.start } else { S::STIFF };
@@ -233,11 +239,12 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
     }
 }
 
-/// Room for a step: slopes at its start and at the three nodes (middle, first, last), a stage,
-/// and the stiff states at the start with what is not linear in their rates.
+/// Room for a step: slopes at its start and at the three nodes (middle, first, last), a stage, states
+/// at the outer nodes of a core, and the stiff states at the start with what is not linear in their rates.
 struct Buffers<'a, T> {
     slopes: [&'a mut [T]; 4],
     stage: &'a mut [T],
+    others: [&'a mut [T]; 2],
     start: &'a mut [T],
     rest: &'a mut [T],
 }
@@ -263,6 +270,7 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
         stage,
         start,
         rest,
+        ..
     } = buffers;
     let (n, size) = (x.len(), start.len());
     for k in 0..size {
@@ -322,77 +330,93 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
 }
 
 /// The same for a system whose other states are gathered from its core. Φ being ∫ e^{As} ds, the stiff
-/// states are z₀ + Φ (A z₀ + N), with the rates at the start for the half step, and with those in the
-/// middle, less A (z − z₀), for the rest.
+/// states are z₀ + Φ (A z₀ + N): for the half step with the rates at the start, and for the rest with
+/// what N is more in the middle than there.
 #[inline(always)]
 fn nodes_core<T: Scalar, S: Dynamics<T>>(
     system: &S,
     core: Core,
     u: &[T],
     dt: f64,
-    (linear, propagators): (&[T], &[Propagator<T>; 4]),
+    propagators: &[Propagator<T>; 4],
     x: &mut [T],
     buffers: Buffers<'_, T>,
 ) {
     let Buffers {
         slopes: [first, middle, early, late],
         stage,
-        start,
+        others: [before, after],
+        start: end,
         rest,
     } = buffers;
-    let (n, size) = (x.len(), start.len());
     let (from, to) = core.summed;
     let mut limited = system.core_rates(x, u, first);
-    let half = T::from(0.5 * dt);
-    for part in 0..2 {
-        for k in core.read[part].0..core.read[part].1.min(n) {
-            stage[k] = half.mul_add(first[k], x[k]);
-        }
-    }
     propagators[MIDDLE].lead(&x[from..to], &first[from..to], &mut stage[from..to]);
-    system.straighten(stage);
-    limited = limited.or(system.core_rates(stage, u, middle));
-    for k in 0..size {
-        start[k] = stage[from + k] - x[from + k];
+    let half = T::from(0.5 * dt);
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        turn(x, half * first[at], stage, at);
     }
-    remainder(linear, start, &middle[from..to], rest);
+    limited = limited.or(system.core_rest(stage, u, middle));
+    limited = limited.or(system.core_rest(x, u, early));
+    for k in from..to {
+        rest[k - from] = first[k] + (middle[k] - early[k]);
+    }
+    propagators[0].lead(&x[from..to], rest, &mut before[from..to]);
+    propagators[2].lead(&x[from..to], rest, &mut after[from..to]);
+    propagators[END].lead(&x[from..to], rest, end);
 
-    for side in 0..2 {
-        let (node, share) = if side == 0 {
-            (&mut *early, SHARES[0])
-        } else {
-            (&mut *late, SHARES[2])
-        };
-        let before = T::from(share * dt * (1.0 - share));
-        let after = T::from(share * dt * share);
-        for part in 0..2 {
-            for k in core.read[part].0..core.read[part].1.min(n) {
-                let moved = before.mul_add(first[k], x[k]);
-                node[k] = after.mul_add(middle[k], moved);
-            }
+    // The angles at the nodes, with their rates on a straight line from the start through the middle.
+    let quarter = T::from(0.25 * dt);
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        turn(x, quarter * (first[at] + middle[at]), stage, at);
+        for side in 0..2 {
+            let (node, share) = if side == 0 {
+                (&mut *before, SHARES[0])
+            } else {
+                (&mut *after, SHARES[2])
+            };
+            let steady = T::from(share * (1.0 - share) * dt);
+            let turned = T::from(share * share * dt).mul_add(middle[at], steady * first[at]);
+            turn(x, turned, node, at);
         }
-        propagators[2 * side].lead(&x[from..to], rest, &mut node[from..to]);
-        system.straighten(node);
     }
+    system.core_spins(before, early);
+    system.core_spins(after, late);
     // √(8/5): the weights of Gauss's nodes are 5, 8 and 5 in 18.
     let share = T::from(1.264_911_064_067_351_8);
-    for part in 0..2 {
-        for k in core.read[part].0..core.read[part].1.min(n) {
-            stage[k] *= share;
-        }
+    for k in from..to {
+        stage[k] *= share;
     }
-    propagators[END].lead(&x[from..to], rest, start);
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        stage[at + 1] *= share;
+        stage[at + 2] *= share;
+    }
+    for k in core.spins.0..core.spins.1 {
+        middle[k] *= share;
+    }
     let nodes = Nodes {
-        first: early,
-        middle: stage,
-        last: late,
+        states: [before, stage, after],
+        rates: [early, middle, late],
+        is_simpson: false,
         share,
         weight: T::from(dt * (5.0 / 18.0)),
     };
     system.gather(&nodes, u, limited, x);
-    for k in 0..size {
-        x[from + k] = start[k];
+    for k in from..to {
+        x[k] = end[k - from];
     }
+}
+
+/// Cosine and sine behind an angle, turned by a small one: to second order, which leaves their length.
+#[inline(always)]
+fn turn<T: Scalar>(x: &[T], angle: T, turned: &mut [T], at: usize) {
+    let (cos, sin) = (x[at + 1], x[at + 2]);
+    let half = T::from(0.5) * angle;
+    turned[at + 1] = (-angle).mul_add(half.mul_add(cos, sin), cos);
+    turned[at + 2] = angle.mul_add((-half).mul_add(sin, cos), sin);
 }
 
 impl<T: Scalar> Propagator<T> {

@@ -13,6 +13,8 @@ pub struct RungeKutta4<T> {
     stage: Vec<T>,
     start: Vec<T>,
     middle: Vec<T>,
+    inner: Vec<T>,
+    last: Vec<T>,
     input: Vec<T>,
     /// Four. A number that the compiler does not know leaves the loop over the stages of many lanes
     /// a loop: unrolled, it takes minutes to compile and is no faster.
@@ -33,6 +35,8 @@ impl<T: Scalar> RungeKutta4<T> {
             stage: vec![T::zero(); states],
             start: vec![T::zero(); states],
             middle: vec![T::zero(); states],
+            inner: vec![T::zero(); states],
+            last: vec![T::zero(); states],
             input: vec![T::zero(); inputs],
             stages: 4,
         }
@@ -82,16 +86,27 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
                 stage,
                 start,
                 middle,
+                inner,
+                last,
                 input: u,
                 stages,
             } = self.method;
             let stages = if T::LANES > 1 { *stages } else { 4 };
             let (slope, sum, stage) = (&mut slope[..n], &mut sum[..n], &mut stage[..n]);
             let (start, middle) = (&mut start[..n], &mut middle[..n]);
+            let (inner, last) = (&mut inner[..n], &mut last[..n]);
             for k in 0..self.count {
                 let t = dt.mul_add(k as f64, t);
                 if let (Some(core), Some(u)) = core {
-                    let buffers = [&mut *slope, &mut *sum, &mut *stage, start, middle];
+                    let buffers = [
+                        &mut *slope,
+                        &mut *sum,
+                        &mut *stage,
+                        start,
+                        middle,
+                        inner,
+                        last,
+                    ];
                     step_core(system, core, u, dt, self.x, buffers);
                 } else {
                     let buffers = [&mut *slope, &mut *sum, &mut *stage];
@@ -104,6 +119,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
             // Arrays of known length need no memory but registers.
             let [mut x, mut slope, mut sum, mut stage] = [Aligned([T::zero(); N]); 4];
             let [mut start, mut middle] = [Aligned([T::zero(); N]); 2];
+            let [mut inner, mut last] = [Aligned([T::zero(); N]); 2];
             for k in 0..N {
                 x.0[k] = self.x[k];
             }
@@ -118,6 +134,8 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
                         &mut stage.0[..],
                         &mut start.0[..],
                         &mut middle.0[..],
+                        &mut inner.0[..],
+                        &mut last.0[..],
                     ];
                     step_core(system, core, u, dt, &mut x.0, buffers);
                 } else {
@@ -136,6 +154,8 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
 
 /// A step of a system whose other states are gathered from its core: by Simpson's rule, with the mean
 /// of the two inner stages in the middle, which is of the order of the method.
+///
+/// Additions are free beside multiplications, which processors have fewer units for.
 #[inline(always)]
 fn step_core<T: Scalar, S: Dynamics<T>>(
     system: &S,
@@ -143,53 +163,69 @@ fn step_core<T: Scalar, S: Dynamics<T>>(
     u: &[T],
     dt: f64,
     x: &mut [T],
-    [slope, sum, stage, start, middle]: [&mut [T]; 5],
+    [slope, outer, stage, start, middle, inner, last]: [&mut [T]; 7],
 ) {
-    let n = x.len();
     let (from, to) = core.summed;
     let (half, whole) = (T::from(0.5 * dt), T::from(dt));
-    let (sixth, third) = (T::from(dt * (1.0 / 6.0)), T::from(dt * (1.0 / 3.0)));
-    let mut limited = system.core_rates(x, u, slope);
+    let sixth = T::from(dt * (1.0 / 6.0));
+    let mut limited = system.core_rates(x, u, outer);
     for k in from..to {
-        sum[k] = sixth * slope[k];
+        start[k] = x[k];
+        stage[k] = half.mul_add(outer[k], x[k]);
     }
-    for part in 0..2 {
-        for k in core.read[part].0..core.read[part].1.min(n) {
-            start[k] = x[k];
-            stage[k] = half.mul_add(slope[k], x[k]);
-            middle[k] = stage[k];
-        }
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        let turned = half * outer[at];
+        start[at + 1] = x[at + 1];
+        start[at + 2] = x[at + 2];
+        stage[at + 1] = (-turned).mul_add(x[at + 2], x[at + 1]);
+        stage[at + 2] = turned.mul_add(x[at + 1], x[at + 2]);
     }
-    limited = limited.or(system.core_rates(stage, u, slope));
+    limited = limited.or(system.core_rates(stage, u, inner));
     for k in from..to {
-        sum[k] = third.mul_add(slope[k], sum[k]);
+        middle[k] = half.mul_add(inner[k], x[k]);
     }
-    for part in 0..2 {
-        for k in core.read[part].0..core.read[part].1.min(n) {
-            stage[k] = half.mul_add(slope[k], x[k]);
-            middle[k] += stage[k];
-        }
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        let turned = half * inner[at];
+        middle[at + 1] = (-turned).mul_add(stage[at + 2], x[at + 1]);
+        middle[at + 2] = turned.mul_add(stage[at + 1], x[at + 2]);
     }
-    limited = limited.or(system.core_rates(stage, u, slope));
+    limited = limited.or(system.core_rates(middle, u, slope));
     for k in from..to {
-        sum[k] = third.mul_add(slope[k], sum[k]);
+        last[k] = whole.mul_add(slope[k], x[k]);
     }
-    for part in 0..2 {
-        for k in core.read[part].0..core.read[part].1.min(n) {
-            stage[k] = whole.mul_add(slope[k], x[k]);
-        }
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        let turned = whole * slope[at];
+        last[at + 1] = (-turned).mul_add(middle[at + 2], x[at + 1]);
+        last[at + 2] = turned.mul_add(middle[at + 1], x[at + 2]);
     }
-    limited = limited.or(system.core_rates(stage, u, slope));
+    // The two in the middle, together.
+    for k in from..to {
+        middle[k] += stage[k];
+        inner[k] += slope[k];
+    }
+    for i in 0..=core.swivels {
+        let at = core.angle(i);
+        middle[at + 1] += stage[at + 1];
+        middle[at + 2] += stage[at + 2];
+    }
+    for k in core.spins.0..core.spins.1 {
+        inner[k] += slope[k];
+    }
+    limited = limited.or(system.core_rates(last, u, slope));
     let nodes = Nodes {
-        first: start,
-        middle,
-        last: stage,
+        states: [start, middle, last],
+        rates: [outer, inner, slope],
+        is_simpson: true,
         share: T::from(2.0),
         weight: sixth,
     };
     system.gather(&nodes, u, limited, x);
     for k in from..to {
-        x[k] += sixth.mul_add(slope[k], sum[k]);
+        let sum = (outer[k] + slope[k]) + (inner[k] + inner[k]);
+        x[k] = sixth.mul_add(sum, x[k]);
     }
 }
 

@@ -13,7 +13,7 @@ use crate::platform::{LEDGER, MAX_WHEELS, POSE, WheelOutput, YAW, renew_angle};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, times, zero_row};
 
-pub(super) use shapes::{Shape, core_rates, derivative, gather, motion, output};
+pub(super) use shapes::{Shape, core_rates, core_rest, derivative, gather, motion, output};
 
 /// The equations of a platform of constant geometry: U velocity coordinates, W wheels that take part
 /// in the dynamics, of which all (M = W) or none (M = 0) have the state of a current, and K casters
@@ -170,8 +170,8 @@ struct Feed<T, const U: usize> {
     /// 1/L, 1/H, and R/L, 1/s.
     slope: T,
     decay: T,
-    /// Back-EMF over L, per velocity.
-    emf: [T; U],
+    /// Back-EMF over L, per rate of the axle.
+    emf: T,
     /// R I_max / L, A/s: what the current may change by beside its decay before the driver limits it.
     window: T,
     /// Acceleration per current.
@@ -179,11 +179,11 @@ struct Feed<T, const U: usize> {
 }
 
 impl<T: Scalar, const U: usize> Feed<T, U> {
-    fn new(winding: &Winding<T>, spin: &[T; U], push: &[T; U]) -> Self {
+    fn new(winding: &Winding<T>, push: &[T; U]) -> Self {
         Feed {
             slope: winding.slope,
             decay: winding.resistance * winding.slope,
-            emf: spin.map(|rate| winding.emf * rate * winding.slope),
+            emf: winding.emf * winding.slope,
             window: winding.window * winding.slope,
             push: push.map(|push| push * winding.torque),
         }
@@ -349,7 +349,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         }
         Some(Box::new(Compiled {
             twist: [short(&origin[0]), short(&origin[1]), short(&yaw)],
-            feeds: core::array::from_fn(|w| Feed::new(&windings[w], &spin[w], &push[w])),
+            feeds: core::array::from_fn(|w| Feed::new(&windings[w], &push[w])),
             spin,
             push,
             drag,
@@ -506,12 +506,86 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     /// velocities and currents, and for the forces and casters that turn with the robot the cosines
     /// and sines.
     const CORE: Core = Core {
-        read: [
-            (YAW + 1, POSE + U + M),
-            (Self::SWIVELS, Self::SWIVELS + 3 * K),
-        ],
         summed: (POSE, POSE + U + M),
+        spins: (Self::SPINS, Self::SPINS + M),
+        angles: (YAW, Self::SWIVELS),
+        swivels: K,
     };
+
+    /// The velocity coordinates of a state; the last is the yaw rate, see `new`.
+    #[inline(always)]
+    fn velocities(x: &[T]) -> [T; U] {
+        let mut v = [T::zero(); U];
+        for k in 0..U {
+            v[k] = x[POSE + k];
+        }
+        v
+    }
+
+    /// See [`Dynamics::core_spins`].
+    #[inline(always)]
+    fn core_spins(&self, x: &[T], rates: &mut [T]) {
+        let v = Self::velocities(x);
+        for w in 0..M {
+            rates[Self::SPINS + w] = along(&self.spin[w], &v);
+        }
+    }
+
+    /// Rates of the angles of heading, wheels and casters.
+    #[inline(always)]
+    fn angle_rates(&self, x: &[T], rates: &mut [T]) {
+        let v = Self::velocities(x);
+        rates[YAW] = v[U - 1];
+        self.core_spins(x, rates);
+        for k in 0..K {
+            let at = Self::SWIVELS + 3 * k;
+            let (swivel, _) = self.followers[k].rates(x[at + 1], x[at + 2], &v, v[U - 1]);
+            rates[at] = swivel;
+        }
+    }
+
+    /// What voltage and back-EMF do to the currents, A/s, at given rates of the wheels: for all within
+    /// the window of the limit, and what the limit takes from the others; and which these are.
+    #[inline(always)]
+    fn feed(&self, u: &[T], rates: &[T]) -> ([T; M], [T; M], T::Mask) {
+        let [mut driven, mut taken] = [[T::zero(); M]; 2];
+        let mut over = [T::Mask::splat(false); M];
+        let mut limited = T::Mask::splat(false);
+        for w in 0..M {
+            let feed = &self.feeds[w];
+            let voltage = self.windings[w].supplied_voltage(u[self.wheels[w]]);
+            driven[w] = (-feed.emf).mul_add(rates[Self::SPINS + w], feed.slope * voltage);
+            over[w] = feed.window.less(driven[w].abs());
+            limited = limited.or(over[w]);
+        }
+        if limited.any() {
+            for w in 0..M {
+                let winding = &self.windings[w];
+                let command = u[self.wheels[w]];
+                let limit = winding.terminal_voltage(command, winding.emf * rates[Self::SPINS + w]);
+                let missing = winding.slope * (limit - winding.supplied_voltage(command));
+                taken[w] = T::select(over[w], missing, T::zero());
+                driven[w] = T::select(over[w], driven[w] + missing, driven[w]);
+            }
+        }
+        (driven, taken, limited)
+    }
+
+    /// Adds the accelerations by what is quadratic in the velocities, and by viscous friction.
+    #[inline(always)]
+    fn slow<const VISCOUS: bool>(&self, v: &[T; U], v_rate: &mut [T; U]) {
+        let yaw_rate = v[U - 1];
+        for k in 0..U {
+            for j in 0..U {
+                let slowing = if VISCOUS {
+                    self.gyro[k][j].mul_add(yaw_rate, self.drag[k][j])
+                } else {
+                    self.gyro[k][j] * yaw_rate
+                };
+                v_rate[k] = (-slowing).mul_add(v[j], v_rate[k]);
+            }
+        }
+    }
 
     /// See [`Dynamics::core_rates`]; the equations of [`Self::derivative`], linear terms multiplied out.
     ///
@@ -524,33 +598,8 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         u: &[T],
         rates: &mut [T],
     ) -> T::Mask {
-        let mut v = [T::zero(); U];
-        for k in 0..U {
-            v[k] = x[POSE + k];
-        }
-        // The last velocity coordinate is the yaw rate, see `new`.
-        let yaw_rate = v[U - 1];
-        // L İ + R I over L: what the voltage leaves of the back-EMF.
-        let mut driven = [T::zero(); M];
-        let mut over = [T::Mask::splat(false); M];
-        let mut limited = T::Mask::splat(false);
-        for w in 0..M {
-            let feed = &self.feeds[w];
-            driven[w] = feed.slope * self.windings[w].supplied_voltage(u[self.wheels[w]]);
-            for k in 0..U {
-                driven[w] = (-feed.emf[k]).mul_add(v[k], driven[w]);
-            }
-            over[w] = feed.window.less(driven[w].abs());
-            limited = limited.or(over[w]);
-        }
-        if limited.any() {
-            for w in 0..M {
-                let winding = &self.windings[w];
-                let emf = winding.emf * along(&self.spin[w], &v);
-                let voltage = winding.terminal_voltage(u[self.wheels[w]], emf);
-                driven[w] = T::select(over[w], winding.slope * (voltage - emf), driven[w]);
-            }
-        }
+        self.angle_rates(x, rates);
+        let (driven, _, limited) = self.feed(u, rates);
         // Plain products: their sum over two wheels is the same whichever comes first, so that a
         // mirrored robot moves as its mirror image to the last bit.
         let mut v_rate = [T::zero(); U];
@@ -563,20 +612,35 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
                 v_rate[k] = if w == 0 { push } else { v_rate[k] + push };
             }
         }
-        for k in 0..U {
-            for j in 0..U {
-                let slowing = self.gyro[k][j].mul_add(yaw_rate, self.drag[k][j]);
-                v_rate[k] = (-slowing).mul_add(v[j], v_rate[k]);
-            }
-        }
+        self.slow::<true>(&Self::velocities(x), &mut v_rate);
         let wrench = self.wrench::<PLAIN>(rolling, u);
         self.lean::<PLAIN>(rolling, x, &wrench, &mut v_rate);
         for k in 0..U {
             rates[POSE + k] = v_rate[k];
         }
-        rates[YAW + 1] = -(x[YAW + 2] * yaw_rate);
-        rates[YAW + 2] = x[YAW + 1] * yaw_rate;
-        self.follow(x, &v, yaw_rate, rates);
+        limited
+    }
+
+    /// See [`Dynamics::core_rest`].
+    #[inline(always)]
+    fn core_rest<const PLAIN: bool>(
+        &self,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        rest: &mut [T],
+    ) -> T::Mask {
+        self.angle_rates(x, rest);
+        let (_, taken, limited) = self.feed(u, rest);
+        for w in 0..M {
+            rest[Self::CURRENTS + w] = taken[w];
+        }
+        let mut v_rate = [T::zero(); U];
+        self.slow::<false>(&Self::velocities(x), &mut v_rate);
+        self.lean::<PLAIN>(rolling, x, &None, &mut v_rate);
+        for k in 0..U {
+            rest[POSE + k] = v_rate[k];
+        }
         limited
     }
 
@@ -593,17 +657,13 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let weight = nodes.weight;
         let mut v = [[T::zero(); U]; 3];
         for node in 0..3 {
-            for k in 0..U {
-                v[node][k] = nodes.state(POSE + k)[node];
-            }
+            v[node] = Self::velocities(nodes.states[node]);
         }
         // Short loops: one that is too long to be unrolled leaves all states in memory.
         let mut rate = [[T::zero(); 3]; M];
         let mut current = [[T::zero(); 3]; M];
         for w in 0..M {
-            for node in 0..3 {
-                rate[w][node] = along(&self.spin[w], &v[node]);
-            }
+            rate[w] = nodes.rate(Self::SPINS + w);
             current[w] = nodes.state(Self::CURRENTS + w);
         }
         let mut bill = Bill::new();

@@ -75,6 +75,14 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, 
         self.compiled.core_rates::<PLAIN>(self.rolling, x, u, rates)
     }
     #[inline(always)]
+    fn core_rest(&self, x: &[T], u: &[T], rest: &mut [T]) -> T::Mask {
+        self.compiled.core_rest::<PLAIN>(self.rolling, x, u, rest)
+    }
+    #[inline(always)]
+    fn core_spins(&self, x: &[T], rates: &mut [T]) {
+        self.compiled.core_spins(x, rates);
+    }
+    #[inline(always)]
     fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
         self.compiled
             .gather::<PLAIN>(self.rolling, nodes, u, limited, x);
@@ -146,6 +154,22 @@ macro_rules! shapes {
                     $(Shape::$name(compiled) => {
                         compiled.core_rates::<false>(rolling, x, u, rates)
                     })*
+                }
+            }
+
+            #[inline(always)]
+            fn core_rest(&self, rolling: &Rolling<T>, x: &[T], u: &[T], rest: &mut [T]) -> T::Mask {
+                match self {
+                    $(Shape::$name(compiled) => {
+                        compiled.core_rest::<false>(rolling, x, u, rest)
+                    })*
+                }
+            }
+
+            #[inline(always)]
+            pub(in crate::rolling) fn core_spins(&self, x: &[T], rates: &mut [T]) {
+                match self {
+                    $(Shape::$name(compiled) => compiled.core_spins(x, rates),)*
                 }
             }
 
@@ -250,6 +274,19 @@ fused! {
         rates: &mut [T],
     ) -> T::Mask {
         shape.core_rates(rolling, x, u, rates)
+    }
+}
+
+fused! {
+    /// See [`Dynamics::core_rest`].
+    pub(in crate::rolling) fn core_rest<T: Scalar>(
+        shape: &Shape<T>,
+        rolling: &Rolling<T>,
+        x: &[T],
+        u: &[T],
+        rest: &mut [T],
+    ) -> T::Mask {
+        shape.core_rest(rolling, x, u, rest)
     }
 }
 
