@@ -9,6 +9,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx;
+pub mod narrow;
 
 use core::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 

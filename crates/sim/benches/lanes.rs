@@ -13,7 +13,7 @@ use appell_model::drive::{DcMotor, Drive};
 use appell_model::dynamics::{Dynamics, Held};
 use appell_model::ground::Ground;
 use appell_model::integrate::{Exponential, RungeKutta4, observe};
-use appell_model::lanes::{AnyLanes, dispatch};
+use appell_model::lanes::{AnyLanes, dispatch, narrow};
 use appell_model::planar::vec2;
 use appell_model::platform::{Body, Platform};
 use appell_model::rolling::Rolling;
@@ -177,15 +177,33 @@ fn model() -> f64 {
             open(true, false, 10),
         ),
     ];
+    // The same in single precision.
+    let narrow_acts = [
+        (
+            "(a) differential drive, Runge-Kutta 4, f32 x16",
+            open(false, false, 0),
+        ),
+        (
+            "(a) differential drive, exponential, f32 x16",
+            open(false, true, 0),
+        ),
+    ];
     let mut best = [0.0_f64; 6];
+    let mut narrow_best = [0.0_f64; 2];
     for _ in 0..ROUNDS {
         for (best, (_, lanes, act)) in best.iter_mut().zip(&acts) {
             *best = best.max(dispatch(*lanes, *act));
         }
+        for (best, (_, act)) in narrow_best.iter_mut().zip(&narrow_acts) {
+            *best = best.max(narrow::dispatch(16, *act));
+        }
     }
+    // RK4, so that figures of other times can be set beside.
     let base = best[1].max(best[2]);
+    let names = acts.iter().map(|(name, ..)| *name);
+    let names = names.chain(narrow_acts.iter().map(|(name, _)| *name));
     println!("the general model, energy ledger and limits included");
-    for ((name, ..), speed) in acts.iter().zip(best) {
+    for (name, speed) in names.zip(best.into_iter().chain(narrow_best)) {
         println!("  {name:55} {speed:8.1} M/s  {:6.2} of (a)", speed / base);
     }
     base

@@ -46,7 +46,7 @@ macro_rules! operator {
 /// What all registers of numbers have in common; the intrinsics are named in turn.
 macro_rules! register {
     (
-        $type:ident, $mask:ident, $lanes:literal, $registers:expr;
+        $type:ident, $mask:ident, $number:ident x $lanes:literal, $registers:expr, $functions:ident;
         $splat:ident
         $add:ident $sub:ident $mul:ident $div:ident $fma:ident $sqrt:ident $min:ident $max:ident
     ) => {
@@ -54,12 +54,12 @@ macro_rules! register {
             // No intrinsics here: where they are not inlined, they would be most of the work.
             // SAFETY: a register of numbers is as many numbers, in order.
             #[inline(always)]
-            fn array(self) -> [f64; $lanes] {
+            fn array(self) -> [$number; $lanes] {
                 unsafe { core::mem::transmute(self) }
             }
 
             #[inline(always)]
-            fn of_array(lanes: [f64; $lanes]) -> Self {
+            fn of_array(lanes: [$number; $lanes]) -> Self {
                 unsafe { core::mem::transmute(lanes) }
             }
         }
@@ -79,7 +79,7 @@ macro_rules! register {
         impl From<f64> for $type {
             #[inline(always)]
             fn from(value: f64) -> Self {
-                Self(vector!($splat(value)))
+                Self(vector!($splat(value as $number)))
             }
         }
 
@@ -107,21 +107,21 @@ macro_rules! register {
 
             #[inline(always)]
             fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {
-                let mut lanes = [0.0; $lanes];
+                let mut lanes: [$number; $lanes] = [0.0; $lanes];
                 for (i, lane) in lanes.iter_mut().enumerate() {
-                    *lane = value(i);
+                    *lane = value(i) as $number;
                 }
                 Self::of_array(lanes)
             }
 
             #[inline(always)]
             fn lane(self, index: usize) -> f64 {
-                self.array()[index]
+                f64::from(self.array()[index])
             }
 
             #[inline(always)]
             fn single(self, index: usize) -> f64 {
-                self.array()[index]
+                self.lane(index)
             }
 
             #[inline(always)]
@@ -141,32 +141,32 @@ macro_rules! register {
 
             #[inline(always)]
             fn sin_cos(self) -> (Self, Self) {
-                math::sin_cos(self)
+                $functions::sin_cos(self)
             }
 
             #[inline(always)]
             fn atan(self) -> Self {
-                math::atan(self)
+                $functions::atan(self)
             }
 
             #[inline(always)]
             fn atan2(self, x: Self) -> Self {
-                math::atan2(self, x)
+                $functions::atan2(self, x)
             }
 
             #[inline(always)]
             fn exp(self) -> Self {
-                math::exp(self)
+                $functions::exp(self)
             }
 
             #[inline(always)]
             fn ln(self) -> Self {
-                math::ln(self)
+                $functions::ln(self)
             }
 
             #[inline(always)]
             fn tanh(self) -> Self {
-                math::tanh(self)
+                $functions::tanh(self)
             }
 
             #[inline(always)]
@@ -215,7 +215,12 @@ macro_rules! register {
                 Self::choose(mask, yes, no)
             }
         }
+    };
+}
 
+/// The binary form of `f64`s, for the elementary functions.
+macro_rules! bits {
+    ($type:ident, $mask:ident) => {
         impl Bits for $type {
             #[inline(always)]
             fn power_of_two(self) -> Self {
@@ -246,8 +251,9 @@ pub struct Avx4(__m256d);
 #[repr(transparent)]
 pub struct Mask4(__m256d);
 
+bits!(Avx4, Mask4);
 register! {
-    Avx4, Mask4, 4, Registers::Avx2;
+    Avx4, Mask4, f64 x 4, Registers::Avx2, math;
     _mm256_set1_pd
     _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_fmadd_pd _mm256_sqrt_pd
     _mm256_min_pd _mm256_max_pd
@@ -395,13 +401,9 @@ impl Mask for Mask4 {
 #[repr(transparent)]
 pub struct Avx8(__m512d);
 
-/// Eight truth values, a bit each.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(transparent)]
-pub struct Mask8(__mmask8);
-
+bits!(Avx8, Mask8);
 register! {
-    Avx8, Mask8, 8, Registers::Avx512;
+    Avx8, Mask8, f64 x 8, Registers::Avx512, math;
     _mm512_set1_pd
     _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_fmadd_pd _mm512_sqrt_pd
     _mm512_min_pd _mm512_max_pd
@@ -479,48 +481,67 @@ impl Avx8 {
     }
 }
 
-impl Mask for Mask8 {
-    #[inline(always)]
-    fn splat(value: bool) -> Self {
-        Self(if value { u8::MAX } else { 0 })
-    }
+/// Truth values, a bit each.
+macro_rules! bit_mask {
+    ($(#[$meta:meta])* $mask:ident, $bits:ty, $lanes:literal) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(transparent)]
+        pub struct $mask($bits);
 
-    #[inline(always)]
-    fn from_lanes(mut value: impl FnMut(usize) -> bool) -> Self {
-        let mut bits = 0;
-        for i in 0..8 {
-            bits |= u8::from(value(i)) << i;
+        impl Mask for $mask {
+            #[inline(always)]
+            fn splat(value: bool) -> Self {
+                Self(if value { <$bits>::MAX } else { 0 })
+            }
+
+            #[inline(always)]
+            fn from_lanes(mut value: impl FnMut(usize) -> bool) -> Self {
+                let mut bits = 0;
+                for i in 0..$lanes {
+                    bits |= <$bits>::from(value(i)) << i;
+                }
+                Self(bits)
+            }
+
+            #[inline(always)]
+            fn lane(self, index: usize) -> bool {
+                self.0 & (1 << index) != 0
+            }
+
+            #[inline(always)]
+            fn and(self, other: Self) -> Self {
+                Self(self.0 & other.0)
+            }
+
+            #[inline(always)]
+            fn or(self, other: Self) -> Self {
+                Self(self.0 | other.0)
+            }
+
+            #[inline(always)]
+            fn not(self) -> Self {
+                Self(!self.0)
+            }
+
+            #[inline(always)]
+            fn any(self) -> bool {
+                self.0 != 0
+            }
+
+            #[inline(always)]
+            fn all(self) -> bool {
+                self.0 == <$bits>::MAX
+            }
         }
-        Self(bits)
-    }
-
-    #[inline(always)]
-    fn lane(self, index: usize) -> bool {
-        self.0 & (1 << index) != 0
-    }
-
-    #[inline(always)]
-    fn and(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
-    #[inline(always)]
-    fn or(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-
-    #[inline(always)]
-    fn not(self) -> Self {
-        Self(!self.0)
-    }
-
-    #[inline(always)]
-    fn any(self) -> bool {
-        self.0 != 0
-    }
-
-    #[inline(always)]
-    fn all(self) -> bool {
-        self.0 == u8::MAX
-    }
+    };
 }
+
+bit_mask!(
+    /// Eight truth values.
+    Mask8, __mmask8, 8
+);
+
+mod narrow;
+
+pub use narrow::{Narrow8, Narrow16};
