@@ -593,6 +593,19 @@ fn robot_plots(
         turning.push(line("command.yaw_rate", "command", "command"));
     }
     plot("yaw rate", "rad/s", turning, json!({}));
+    if has("pose.z") {
+        plot(
+            "height of the base",
+            "m",
+            vec![line("pose.z", "", "main")],
+            json!({}),
+        );
+        let tilt = vec![
+            line("pose.roll", "roll", "other"),
+            line("pose.pitch", "pitch", "main"),
+        ];
+        plot("roll and pitch", "rad", tilt, json!({}));
+    }
     let noise = each_wheel("noise");
     let unit = noise
         .first()

@@ -85,7 +85,7 @@
  */
 /** @typedef {{ name: string, samples: number, decimals: number, rows: { signal: string, unit: string, mean: number | null, std: number | null }[] }} Statistics mean and standard deviation of signals */
 /** @typedef {{ radius: number, heading: number, spin: number, force: [number, number] | null, load: number | null }} WheelState `heading` in the body frame, rad; `force` along and to the left of the wheel, N */
-/** @typedef {{ x: number, y: number, yaw: number, speed: number, wheels: WheelState[] }} RobotState */
+/** @typedef {{ x: number, y: number, yaw: number, z: number, roll: number, pitch: number, speed: number, wheels: WheelState[] }} RobotState height, roll and pitch are 0 on even ground */
 /** @typedef {(number | null)[] | null} Track */
 /**
  * @typedef {object} Tracks the signals of one robot that a picture of it needs
@@ -93,6 +93,7 @@
  * @property {(number | null)[]} x
  * @property {(number | null)[]} y
  * @property {(number | null)[]} yaw
+ * @property {[Track, Track, Track]} attitude height, roll and pitch, on uneven ground
  * @property {number[]} speed magnitude, m/s
  * @property {{ spin: Track, steering: Track, along: Track, across: Track, load: Track }[]} wheels
  */
@@ -163,7 +164,9 @@ export function tracksOf(run, robot) {
     const of = (/** @type {string} */ name) => find(`wheel.${wheel.name}.${name}`);
     return { spin: of('spin_angle'), steering: of('steering_angle'), along: of('force.longitudinal'), across: of('force.lateral'), load: of('load') };
   });
-  return { time: still, x, y, yaw, speed, wheels };
+  /** @type {[Track, Track, Track]} */
+  const attitude = [find('pose.z'), find('pose.roll'), find('pose.pitch')];
+  return { time: still, x, y, yaw, attitude, speed, wheels };
 }
 
 /**
@@ -177,7 +180,8 @@ export function stateAt(tracks, robot, t) {
   const at = (/** @type {Track} */ track) => track ? valueAt(tracks.time, track, t) : NaN;
   const or = (/** @type {number} */ value, /** @type {number} */ otherwise) => Number.isFinite(value) ? value : otherwise;
   return {
-    x: or(at(tracks.x), robot.start[0]), y: or(at(tracks.y), robot.start[1]), yaw: or(at(tracks.yaw), robot.start[2]), speed: at(tracks.speed),
+    x: or(at(tracks.x), robot.start[0]), y: or(at(tracks.y), robot.start[1]), yaw: or(at(tracks.yaw), robot.start[2]),
+    z: or(at(tracks.attitude[0]), 0), roll: or(at(tracks.attitude[1]), 0), pitch: or(at(tracks.attitude[2]), 0), speed: at(tracks.speed),
     wheels: robot.wheels.map((wheel, i) => {
       const track = tracks.wheels[i];
       const along = at(track.along);

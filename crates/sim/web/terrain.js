@@ -20,6 +20,23 @@ export function drawRelief(view, relief) {
 }
 
 /**
+ * Height at a point, m; between the middles of cells straight, beyond them as on the rim.
+ * @param {Relief} relief
+ * @param {number} x
+ * @param {number} y
+ */
+export function heightOf({ cell, columns, low, high, levels }, x, y) {
+  const rows = levels.length / columns;
+  const along = (/** @type {number} */ v, /** @type {number} */ count) => Math.min(Math.max(v / cell - 0.5, 0), count - 1);
+  const [u, v] = [along(x, columns), along(y, rows)];
+  const [i, j] = [Math.min(Math.floor(u), Math.max(0, columns - 2)), Math.min(Math.floor(v), Math.max(0, rows - 2))];
+  const [a, b] = [u - i, v - j];
+  const at = (/** @type {number} */ di, /** @type {number} */ dj) => levels[Math.min(j + dj, rows - 1) * columns + Math.min(i + di, columns - 1)];
+  const level = (1 - b) * ((1 - a) * at(0, 0) + a * at(1, 0)) + b * ((1 - a) * at(0, 1) + a * at(1, 1));
+  return low + (level / 1000) * (high - low);
+}
+
+/**
  * Darker is lower; neighbors of one shade are one rectangle.
  * @param {import('./arena.js').View} view
  * @param {Relief} relief

@@ -57,7 +57,8 @@ export class Line {
       const own = `robot.${robot.name}.`;
       const of = (wheel: string, name: string) => find(`${own}wheel.${wheel}.${name}`) ?? find(`${own}${wheel}.${name}`);
       const tracks: Tracks = {
-        time: this.run.time, x: find(own + 'pose.x') ?? [], y: find(own + 'pose.y') ?? [], yaw: find(own + 'pose.yaw') ?? [], speed: [],
+        time: this.run.time, x: find(own + 'pose.x') ?? [], y: find(own + 'pose.y') ?? [], yaw: find(own + 'pose.yaw') ?? [],
+        attitude: [find(own + 'pose.z'), find(own + 'pose.roll'), find(own + 'pose.pitch')], speed: [],
         wheels: robot.wheels.map(w => ({ spin: of(w.name, 'spin_angle'), steering: of(w.name, 'steering_angle'), along: of(w.name, 'force.longitudinal'), across: of(w.name, 'force.lateral'), load: of(w.name, 'load') })),
       };
       const place = (path: string) => scene.drawn.findIndex(k => scene.signals[k].path === own + path);

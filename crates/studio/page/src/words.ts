@@ -169,6 +169,7 @@ const CATALOGUE: Record<string, [ru: string, zh: string, pl: string]> = {
   'is over': ['окончен', '已结束', 'zakończony'],
   'level': ['уровень', '层次', 'poziom'],
   'level ground': ['ровная поверхность', '水平地面', 'poziome podłoże'],
+  'pitch': ['тангаж', '俯仰', 'pochylenie'],
   'light or dark': ['светлая или тёмная', '浅色或深色', 'jasny lub ciemny'],
   'limit': ['предел', '极限', 'granica'],
   'measure': ['измерить', '测量', 'mierz'],

@@ -6,6 +6,7 @@ import { drawCrossing, keyFrames, type Crossing } from '../../../../sim/web/cros
 import { label, multiples, niceStep, pathText, px, significant, simplify, tickText } from '../../../../sim/web/draw.js';
 import { sideOf } from '../../../../sim/web/arena.js';
 import { stateAt, type Robot, type Run } from '../../../../sim/web/run.js';
+import { heightOf } from '../../../../sim/web/terrain.js';
 import { componentPanel, eachPicture, type ViewProps } from '../panel';
 import type { Studio } from '../studio';
 import { tr } from '../words';
@@ -20,12 +21,20 @@ function riseAlong(run: Run, heading: number): number {
 function sideOfRobot(run: Run, robot: Robot, studio: Studio, t: number, width: number, height: number): string {
   const k = run.robots.indexOf(robot);
   const state = stateAt(studio.line.tracks[k], robot, t);
-  const pitch = Math.atan(riseAlong(run, state.yaw));
+  const { terrain } = run.arena;
+  const isUneven = terrain.kind === 'uneven';
+  const pitch = isUneven ? -state.pitch : Math.atan(riseAlong(run, state.yaw));
   const reach = Math.max(0.1, ...robot.footprint.map(p => Math.abs(p[0])), ...robot.wheels.map(w => Math.abs(w.mount[0]) + w.radius));
   const scale = Math.min((width - 60) / (3.4 * reach), (height - 70) / (2.2 * reach));
   const [ox, oy] = [width / 2, height - 42 - Math.abs(Math.tan(pitch)) * width / 4];
   const rise = Math.tan(pitch) * width / 2;
-  let svg = `<path d="M0 ${px(oy + rise)}L${width} ${px(oy - rise)}V${height}H0Z" class="slope" fill-opacity="0.16"/><path d="M0 ${px(oy + rise)}L${width} ${px(oy - rise)}" class="none s-ink" stroke-width="1.6"/>`;
+  // The ground along the heading, through the robot.
+  const profile = Array.from({ length: 161 }, (_, k) => {
+    const u = (k / 160 - 0.5) * width / scale;
+    return `${px(ox + u * scale)} ${px(oy - (isUneven ? heightOf(terrain, state.x + u * Math.cos(state.yaw), state.y + u * Math.sin(state.yaw)) - state.z : 0) * scale)}`;
+  });
+  const top = isUneven ? `M${profile.join('L')}` : `M0 ${px(oy + rise)}L${width} ${px(oy - rise)}`;
+  let svg = `<path d="${top}V${height}H0Z" class="slope" fill-opacity="0.16"/><path d="${top}" class="none s-ink" stroke-width="1.6"/>`;
   let inside = '';
   const wheels = robot.wheels.map((wheel, i) => ({ wheel, state: state.wheels[i] })).sort((a, b) => b.wheel.mount[1] - a.wheel.mount[1]);
   const radius = Math.max(...robot.wheels.filter(w => w.kind !== 'caster').map(w => w.radius), 0.02);
@@ -46,7 +55,7 @@ function sideOfRobot(run: Run, robot: Robot, studio: Studio, t: number, width: n
   const com = robot.center_of_mass[0] * scale, ch = -1.25 * radius * scale;
   inside += `<circle cx="${px(com)}" cy="${px(ch)}" r="5" class="com"/><path d="M${px(com - 5)} ${px(ch)}h10M${px(com)} ${px(ch - 5)}v10" class="s-ink" stroke-width="1"/>`;
   svg += `<g transform="translate(${px(ox)} ${px(oy)}) rotate(${px(-pitch * 180 / Math.PI)})">${inside}</g>`;
-  svg += label(14, 24, `${robot.name}, ${tr('heading')} ${(Math.atan2(Math.sin(state.yaw), Math.cos(state.yaw)) * 180 / Math.PI).toFixed(0).replace('-', '−')}°`, 'bold') + label(14, 42, pitch === 0 ? tr('level ground') : `${tr('ground along the heading')} ${(pitch * 180 / Math.PI).toFixed(1).replace('-', '−')}°`, 'note');
+  svg += label(14, 24, `${robot.name}, ${tr('heading')} ${(Math.atan2(Math.sin(state.yaw), Math.cos(state.yaw)) * 180 / Math.PI).toFixed(0).replace('-', '−')}°`, 'bold') + label(14, 42, isUneven ? `${tr('pitch')} ${(state.pitch * 180 / Math.PI).toFixed(1).replace('-', '−')}°` : pitch === 0 ? tr('level ground') : `${tr('ground along the heading')} ${(pitch * 180 / Math.PI).toFixed(1).replace('-', '−')}°`, 'note');
   return svg;
 }
 
@@ -55,11 +64,12 @@ function wayOf(studio: Studio, t: number, width: number, height: number): string
   const { line } = studio;
   const tracks = line.tracks[0];
   const { terrain } = line.run.arena;
-  if (!tracks || terrain.kind !== 'plane' || tracks.time.length < 2) return '';
-  const slope = Math.sin(terrain.slope_deg * Math.PI / 180), h = terrain.downhill_heading_deg * Math.PI / 180;
+  const heights = tracks?.attitude[0];
+  if (!tracks || (terrain.kind !== 'plane' && !heights) || tracks.time.length < 2) return '';
+  const [slope, h] = terrain.kind === 'plane' ? [Math.sin(terrain.slope_deg * Math.PI / 180), terrain.downhill_heading_deg * Math.PI / 180] : [0, 0];
   const points: [number, number][] = [];
   let way = 0, here = 0;
-  const z = (k: number) => -slope * (Number(tracks.x[k]) * Math.cos(h) + Number(tracks.y[k]) * Math.sin(h));
+  const z = (k: number) => heights ? Number(heights[k]) : -slope * (Number(tracks.x[k]) * Math.cos(h) + Number(tracks.y[k]) * Math.sin(h));
   for (let k = 0; k < tracks.time.length; k++) {
     if (k > 0) way += Math.hypot(Number(tracks.x[k]) - Number(tracks.x[k - 1]), Number(tracks.y[k]) - Number(tracks.y[k - 1]));
     points.push([way, z(k) - z(0)]);
@@ -91,7 +101,7 @@ function RunFromTheSide({ studio, host }: ViewProps) {
       const key = `${width} ${height} ${t} ${line.id} ${line.run.time.length} ${forces} ${theme}`;
       if (key === shown || line.run.time.length === 0 || width < 10) return;
       shown = key;
-      const way = line.run.arena.terrain.kind === 'plane' ? Math.min(190, height * 0.36) : 0;
+      const way = line.run.arena.terrain.kind !== 'flat' ? Math.min(190, height * 0.36) : 0;
       const robots = line.run.robots.slice(0, 3);
       const each = width / robots.length;
       element.innerHTML = robots.map((robot, k) => `<svg x="${px(k * each)}" width="${px(each)}" height="${px(height - way)}">${sideOfRobot(line.run, robot, latest.current, t, each, height - way)}</svg>`).join('')

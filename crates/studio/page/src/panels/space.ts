@@ -9,6 +9,7 @@ import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { forceScale, outlineOf, sideOf, speedLimit } from '../../../../sim/web/arena.js';
 import { viridis } from '../../../../sim/web/draw.js';
 import { stateAt, type Robot, type RobotState } from '../../../../sim/web/run.js';
+import { heightOf } from '../../../../sim/web/terrain.js';
 import { color } from '../look';
 import type { Line } from '../net';
 import { eachPicture, type OwnHost, type Panel } from '../panel';
@@ -83,8 +84,8 @@ class Model {
   }
 
   put(state: RobotState): void {
-    this.group.position.set(state.x, state.y, 0);
-    this.group.rotation.z = state.yaw;
+    this.group.position.set(state.x, state.y, state.z);
+    this.group.rotation.set(state.roll, state.pitch, state.yaw, 'ZYX');
     this.wheels.forEach(({ turn, spin }, k) => {
       turn.rotation.z = state.wheels[k].heading;
       spin.rotation.y = state.wheels[k].spin % (2 * Math.PI);
@@ -123,6 +124,12 @@ export function connect(host: OwnHost): Panel {
     for (const each of [material].flat() as Material[]) each?.dispose();
   });
 
+  /** Height of the ground that is drawn, m. */
+  const over = (x: number, y: number) => {
+    const { terrain } = host.studio().line.run.arena;
+    return terrain.kind === 'uneven' ? heightOf(terrain, x, y) : 0;
+  };
+
   const build = () => {
     const { line, others } = host.studio();
     const { arena } = line.run;
@@ -142,29 +149,45 @@ export function connect(host: OwnHost): Panel {
       const heading = terrain.downhill_heading_deg * Math.PI / 180;
       ground.quaternion.setFromAxisAngle(new Vector3(-Math.sin(heading), Math.cos(heading), 0), terrain.slope_deg * Math.PI / 180);
     }
-    const floor = new Mesh(new PlaneGeometry(w, h), new MeshBasicMaterial({ color: color('floor') }));
+    // Uneven ground is drawn by its cells, and lit, that one sees its form.
+    const isUneven = terrain.kind === 'uneven';
+    const [columns, rows] = isUneven ? [terrain.columns, terrain.levels.length / terrain.columns] : [1, 1];
+    const surface = new PlaneGeometry(w, h, columns, rows);
+    const points = surface.getAttribute('position');
+    if (isUneven) for (let k = 0; k < points.count; k++) points.setZ(k, over(points.getX(k) + w / 2, points.getY(k) + h / 2));
+    if (isUneven) surface.computeVertexNormals();
+    const floor = new Mesh(surface, isUneven ? new MeshLambertMaterial({ color: color('line') }) : new MeshBasicMaterial({ color: color('floor') }));
     floor.position.set(w / 2, h / 2, -0.002);
     ground.add(floor);
     const grid: number[] = [];
-    for (let x = 0; x <= w + 1e-9; x += 0.5) grid.push(x, 0, 0, x, h, 0);
-    for (let y = 0; y <= h + 1e-9; y += 0.5) grid.push(0, y, 0, w, y, 0);
+    /** A line of the grid, in pieces that lie on the ground. */
+    const ruled = (ax: number, ay: number, bx: number, by: number) => {
+      const pieces = isUneven ? 160 : 1;
+      const at = (k: number): [number, number, number] => {
+        const [x, y] = [ax + (bx - ax) * k / pieces, ay + (by - ay) * k / pieces];
+        return [x, y, over(x, y) + (isUneven ? 0.003 : 0)];
+      };
+      for (let k = 0; k < pieces; k++) grid.push(...at(k), ...at(k + 1));
+    };
+    for (let x = 0; x <= w + 1e-9; x += 0.5) ruled(x, 0, x, h);
+    for (let y = 0; y <= h + 1e-9; y += 0.5) ruled(0, y, w, y);
     const segments = (points: number[], name: string) => new LineSegments(new BufferGeometry().setAttribute('position', new Float32BufferAttribute(points, 3)), new LineBasicMaterial({ color: color(name) }));
     ground.add(segments(grid, 'gridMajor'), segments([0, 0, 0, w, 0, 0, w, 0, 0, w, h, 0, w, h, 0, 0, h, 0, 0, h, 0, 0, 0, 0], 'wall'));
     for (const beacon of arena.beacons) {
       const post = new Mesh(new CylinderGeometry(beacon.radius, beacon.radius, BEACON, 28), new MeshLambertMaterial({ color: color('orange') }));
       post.rotation.x = Math.PI / 2;
-      post.position.set(beacon.position[0], beacon.position[1], BEACON / 2);
+      post.position.set(beacon.position[0], beacon.position[1], BEACON / 2 + over(beacon.position[0], beacon.position[1]));
       ground.add(post);
     }
     for (const patch of arena.patches ?? []) {
       const [a, b] = [patch.low, patch.high];
       const area = new Mesh(new PlaneGeometry(b[0] - a[0], b[1] - a[1]), new MeshBasicMaterial({ color: color('sky'), transparent: true, opacity: 0.25 }));
-      area.position.set((a[0] + b[0]) / 2, (a[1] + b[1]) / 2, 0.001);
+      area.position.set((a[0] + b[0]) / 2, (a[1] + b[1]) / 2, 0.001 + over((a[0] + b[0]) / 2, (a[1] + b[1]) / 2));
       ground.add(area);
     }
     for (const robot of line.run.robots) {
       if (!robot.path || robot.path.length < 2) continue;
-      const curve = new Curve(new BufferGeometry().setFromPoints(robot.path.map(p => new Vector3(p[0], p[1], 0.003))), new LineDashedMaterial({ color: color('reference'), dashSize: 0.06, gapSize: 0.05 }));
+      const curve = new Curve(new BufferGeometry().setFromPoints(robot.path.map(p => new Vector3(p[0], p[1], 0.006 + over(p[0], p[1])))), new LineDashedMaterial({ color: color('reference'), dashSize: 0.06, gapSize: 0.05 }));
       curve.computeLineDistances();
       ground.add(curve);
     }
@@ -173,7 +196,7 @@ export function connect(host: OwnHost): Panel {
     ghosts = others.slice(0, 4).flatMap(other => other.line.run.robots.map((robot, k) => ({ model: new Model(robot, other.color), line: other.line, robot: k })));
     for (const { model } of ghosts) ground.add(model.group);
     for (const other of others.slice(0, 4)) for (const tracks of other.line.tracks) {
-      const points = tracks.x.flatMap((x, k) => k % 3 === 0 ? [new Vector3(Number(x), Number(tracks.y[k]), 0.004)] : []);
+      const points = tracks.x.flatMap((x, k) => k % 3 === 0 ? [new Vector3(Number(x), Number(tracks.y[k]), 0.008 + over(Number(x), Number(tracks.y[k])))] : []);
       ground.add(new Curve(new BufferGeometry().setFromPoints(points), new LineBasicMaterial({ color: color(other.color) })));
     }
     forces = new Group();
@@ -198,7 +221,8 @@ export function connect(host: OwnHost): Panel {
         const [nx, ny] = [-Math.sin(yaw) * TRAIL, Math.cos(yaw) * TRAIL];
         const rgb = viridis(tracks.speed[k] / fastest).match(/[0-9a-f]{2}/gi)?.map((part: string) => (parseInt(part, 16) / 255) ** 2.2) ?? [0, 0, 0];
         if (last) { const n = position.length / 3; index.push(n - 2, n - 1, n, n - 1, n + 1, n); }
-        position.push(x + nx, y + ny, 0.006, x - nx, y - ny, 0.006);
+        const z = over(x, y) + 0.01;
+        position.push(x + nx, y + ny, z, x - nx, y - ny, z);
         colors.push(...rgb, ...rgb);
         last = [x, y];
       }
@@ -222,7 +246,8 @@ export function connect(host: OwnHost): Panel {
       if (!force) return;
       const { x, y, yaw } = states[i];
       const [bx, by] = wheelCenter(wheel, heading);
-      const at = new Vector3(x + bx * Math.cos(yaw) - by * Math.sin(yaw), y + bx * Math.sin(yaw) + by * Math.cos(yaw), 0.01);
+      const at = new Vector3(x + bx * Math.cos(yaw) - by * Math.sin(yaw), y + bx * Math.sin(yaw) + by * Math.cos(yaw), 0);
+      at.z = over(at.x, at.y) + 0.012;
       const side = sideOf(wheel);
       const name = color(side === 'left' ? 'blue' : side === 'right' ? 'vermilion' : 'ink2');
       const turn = yaw + heading;
@@ -273,7 +298,7 @@ export function connect(host: OwnHost): Panel {
     for (const { model, line: other, robot } of ghosts) model.put(stateAt(other.tracks[robot], other.run.robots[robot], t));
     drawForces(states);
     if (follow === 'follow') {
-      const at = ground.localToWorld(new Vector3(states[0].x, states[0].y, 0));
+      const at = ground.localToWorld(new Vector3(states[0].x, states[0].y, states[0].z));
       camera.position.add(at.clone().sub(controls.target));
       controls.target.copy(at);
       const away = camera.position.clone().sub(at);
