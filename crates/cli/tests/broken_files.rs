@@ -92,7 +92,7 @@ const SCENARIOS: &[Row] = &[
     row("misspelled-key", SLALOM, ("duration = 50.0", "durration = 50.0"), "durration", &["time.durration: unknown key", "did you mean duration?"]),
     row("misspelled-key-in-kind", SLALOM, ("lateral_acceleration", "lateral_acceleraton"), "lateral_acceleraton", &["robot.tri.controller.lateral_acceleraton: unknown key", "did you mean lateral_acceleration?"]),
     row("misspelled-table", SLALOM, ("[terrain]", "[terain]"), "[terain]", &["terain: unknown key", "did you mean terrain?"]),
-    row("unknown-kind", SLALOM, ("kind = \"flat\"", "kind = \"flatt\""), "kind = \"flatt\"", &["terrain.kind: must be one of flat, plane, got \"flatt\"", "did you mean \"flat\"?"]),
+    row("unknown-kind", SLALOM, ("kind = \"flat\"", "kind = \"flatt\""), "kind = \"flatt\"", &["terrain.kind: must be one of flat, plane, uneven, got \"flatt\"", "did you mean \"flat\"?"]),
     row("unknown-word", SLALOM, ("level = \"rolling\"", "level = \"roling\""), "level", &["robot.tri.level: must be one of kinematic, rolling, slip, got \"roling\"", "did you mean \"rolling\"?"]),
     row("unknown-task", SLALOM, ("[robot.task]\nkind = \"slalom\"", "[robot.task]\nkind = \"parking\""), "kind = \"parking\"", &["robot.tri.task.kind: must be one of homing, gate, eight, slalom, route, got \"parking\""]).bare(),
     row("wrong-schema", SLALOM, ("schema = 1", "schema = 2"), "schema", &["schema: must be 1, got 2"]),
