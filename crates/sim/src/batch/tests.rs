@@ -332,7 +332,7 @@ const ODOMETRY: &str =
     "[{ kind = \"odometry\", period = 0.01, resolution = 2048, angle_std = 0.002 }]";
 
 /// The root of [`quick`], on every machine.
-const QUICK_ROOT: &str = "10694636884b6edc9f8dea6788dc84f5b3e0036084b21ac89d4a8fed332a6bfb";
+const QUICK_ROOT: &str = "1b40813046f4ebbc858c9df2d8f3332a00806f4fae1ca1f821105f2286a4921f";
 
 /// The matrix of threads, lanes and shards; `crates/cli/tests/robust.rs` adds the build profiles.
 #[test]
