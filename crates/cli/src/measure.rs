@@ -26,15 +26,20 @@ pub fn measure(options: &MeasureOptions) -> u8 {
         slope_deg: options.slope,
     };
     let mut all = Vec::new();
-    for robot in &options.robots {
+    let count = options.robots.len();
+    let mut progress = terminal::Progress::new("measure", count as f64, "robots/s");
+    for (k, robot) in options.robots.iter().enumerate() {
+        progress.at(k as f64);
         match of_robot(robot, test) {
             Ok(measures) => all.push(measures),
             Err(problem) => {
+                progress.done();
                 terminal::error(&problem);
                 return exit::BAD_INPUT;
             }
         }
     }
+    progress.done();
     if options.json {
         let text = serde_json::to_string_pretty(&all);
         terminal::print(&text.expect("measures are plain data"));

@@ -318,7 +318,8 @@ impl Progress {
         }
         if let Some(bar) = &self.bar {
             let rate = (done - begin) / self.start.elapsed().as_secs_f64();
-            bar.set_prefix(format!("{rate:.0} {}", self.unit));
+            let decimals = usize::from(rate < 10.0);
+            bar.set_prefix(format!("{rate:.decimals$} {}", self.unit));
             bar.set_position((1000.0 * done / self.end) as u64);
         }
     }

@@ -46,13 +46,14 @@ function shadeRelief(view, { cell, columns, levels }) {
   const paths = Array.from({ length: RELIEF_SHADES }, () => '');
   for (let row = 0; row * columns < levels.length; row++) {
     const top = px(view.y((row + 1) * cell));
-    const high = px(view.y(row * cell) - view.y((row + 1) * cell));
+    const bottom = px(view.y(row * cell));
     for (let from = 0; from < columns;) {
       const shade = shadeOf(row * columns + from);
       let to = from + 1;
       while (to < columns && shadeOf(row * columns + to) === shade) to++;
-      const wide = px((to - from) * cell * view.scale);
-      paths[shade] += `M${px(view.x(from * cell))} ${top}h${wide}v${high}h-${wide}z`;
+      // By corners, which neighbors share to the digit, so that no line shows between them.
+      const left = px(view.x(from * cell));
+      paths[shade] += `M${left} ${top}H${px(view.x(to * cell))}V${bottom}H${left}z`;
       from = to;
     }
   }

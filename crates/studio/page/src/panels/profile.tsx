@@ -40,6 +40,8 @@ function sideOfRobot(run: Run, robot: Robot, studio: Studio, t: number, width: n
   const radius = Math.max(...robot.wheels.filter(w => w.kind !== 'caster').map(w => w.radius), 0.02);
   const [front, rear] = [Math.max(...robot.footprint.map(p => p[0])), Math.min(...robot.footprint.map(p => p[0]))];
   const body = `<rect x="${px(rear * scale)}" y="${px(-1.7 * radius * scale)}" width="${px((front - rear) * scale)}" height="${px(0.9 * radius * scale)}" rx="4" class="body"/>`;
+  // The heaviest load keeps within the panel.
+  const heaviest = Math.max(1e-9, ...state.wheels.map(own => own.load ?? 0));
   const draw = ({ wheel, state: own }: typeof wheels[number]) => {
     const side = sideOf(wheel), name = side === 'left' ? 'blue' : side === 'right' ? 'vermilion' : 'ink2';
     const x = (wheel.mount[0] - (wheel.kind === 'caster' || wheel.kind === 'trailer' ? wheel.trail * Math.cos(own.heading) : 0)) * scale;
@@ -47,7 +49,7 @@ function sideOfRobot(run: Run, robot: Robot, studio: Studio, t: number, width: n
     const spokes = Array.from({ length: 6 }, (_, n) => { const a = own.spin + n * Math.PI / 3; return `M${px(x)} ${px(-r)}L${px(x + r * 0.85 * Math.cos(a))} ${px(-r + r * 0.85 * Math.sin(a))}`; }).join('');
     let text = `<circle cx="${px(x)}" cy="${px(-r)}" r="${px(r)}" class="f-${name} s-${name}" fill-opacity="0.3" stroke-width="1.6"/><path d="${spokes}" class="s-${name}" stroke-width="1"/>`;
     // Load up, and the force along the ground.
-    const n = own.load === null ? 0 : own.load * 0.9;
+    const n = own.load === null ? 0 : own.load / heaviest * 42;
     if (own.load !== null && studio.forces) text += `<path d="M${px(x)} 0V${px(n * 0.8)}" class="s-${name}" stroke-width="2.2"/><path d="M${px(x - 4)} 8L${px(x)} 0L${px(x + 4)} 8Z" class="f-${name}"/>${label(x + (side === 'left' ? -6 : 6), n * 0.8 + 4, `${significant(own.load, 3)} N`, 'tick halo', side === 'left' ? 'end' : 'start')}`;
     return text;
   };

@@ -171,8 +171,14 @@ export function connect(host: OwnHost): Panel {
     };
     for (let x = 0; x <= w + 1e-9; x += 0.5) ruled(x, 0, x, h);
     for (let y = 0; y <= h + 1e-9; y += 0.5) ruled(0, y, w, y);
+    const inside = grid.length;
+    ruled(0, 0, w, 0);
+    ruled(w, 0, w, h);
+    ruled(w, h, 0, h);
+    ruled(0, h, 0, 0);
+    const wall = grid.splice(inside);
     const segments = (points: number[], name: string) => new LineSegments(new BufferGeometry().setAttribute('position', new Float32BufferAttribute(points, 3)), new LineBasicMaterial({ color: color(name) }));
-    ground.add(segments(grid, 'gridMajor'), segments([0, 0, 0, w, 0, 0, w, 0, 0, w, h, 0, w, h, 0, 0, h, 0, 0, h, 0, 0, 0, 0], 'wall'));
+    ground.add(segments(grid, 'gridMajor'), segments(wall, 'wall'));
     for (const beacon of arena.beacons) {
       const post = new Mesh(new CylinderGeometry(beacon.radius, beacon.radius, BEACON, 28), new MeshLambertMaterial({ color: color('orange') }));
       post.rotation.x = Math.PI / 2;
