@@ -9,8 +9,8 @@ use crate::solve::Row;
 use crate::stance::{Footing, Stance, Standing};
 use crate::support::Support;
 
-/// Least share of its load at rest that a contact keeps under its own force, and the inverse of the
-/// largest: where a wheel wedges itself against an edge, rigid bodies know no bound.
+/// Least by which the load at rest is divided: a contact that its own force presses bears twice that load
+/// at most. Where a wheel wedges itself against an edge, rigid bodies know no bound; this one is chosen.
 const WEDGED: f64 = 0.5;
 
 /// How a robot lies on uneven ground.

@@ -1,7 +1,6 @@
 // The socket: what the server says becomes lines that grow, and a state; what people do becomes commands.
 
 import type { Robot, Run, Tracks } from '../../../sim/web/run.js';
-import { tracksOf } from '../../../sim/web/run.js';
 
 export type RunEvent = { n: number; t: number; robot: string; kind: string; text: string; detail: string | null; position: [number, number] | null };
 export type LineState = {
@@ -90,7 +89,6 @@ export class Line {
     return values[low] + (values[next] - values[low]) * f;
   }
 }
-void tracksOf;
 
 type Waiting = { done: (value: unknown) => void; failed: (refusal: Refusal) => void };
 
