@@ -100,6 +100,7 @@ pub mod slip;
 pub mod solve;
 pub mod stance;
 pub mod support;
+pub mod suspension;
 pub mod terrain;
 pub mod tire;
 pub mod trailer;

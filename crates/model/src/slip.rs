@@ -5,6 +5,7 @@
 //! Masses of casters count at their pivots. Base axes for forces, world frame for the pose.
 
 mod implicit;
+mod sprung;
 mod uneven;
 
 use crate::drive::Drive;
@@ -305,7 +306,8 @@ impl<T: Scalar> Slip<T> {
         self.layout().state() + self.layout().wheels + 2 * i
     }
 
-    /// Index of height, roll and pitch in the state, on uneven ground.
+    /// Index of height, roll and pitch in the state, on uneven ground or springs; with springs the velocities
+    /// of heave, roll and pitch follow, chassis axes.
     #[inline(always)]
     pub fn attitude(&self) -> usize {
         self.deflection(self.layout().wheels)
@@ -314,7 +316,12 @@ impl<T: Scalar> Slip<T> {
     /// Length of the state.
     #[inline(always)]
     pub fn state(&self) -> usize {
-        self.attitude() + if self.footing.is_some() { 3 } else { 0 }
+        let more = match &self.footing {
+            None => 0,
+            Some(footing) if footing.sprung().is_none() => 3,
+            Some(_) => 6,
+        };
+        self.attitude() + more
     }
 
     /// Index of an output of the contact of wheel i.
@@ -340,8 +347,8 @@ impl<T: Scalar> Slip<T> {
         if let Some(footing) = &self.footing {
             let at = self.attitude();
             let guess = footing.guess(&self.platform, &state);
-            state[at..].copy_from_slice(&guess);
-            self.stand(&mut state);
+            state[at..at + 3].copy_from_slice(&guess);
+            self.settle_down(&mut state);
         }
         state
     }
@@ -614,8 +621,11 @@ impl<T: Scalar> Slip<T> {
                 [travel.x, travel.y]
             }
             Some(lie) => {
-                let [x, y, _] = lie.stance.pose_rates(velocity, x[at + 2]);
-                [x, y]
+                let rates = match lie.moves(self, x) {
+                    Some((rates, _)) => rates,
+                    None => lie.stance.pose_rates(velocity, x[at + 2]),
+                };
+                [rates[0], rates[1]]
             }
         }
     }
@@ -626,7 +636,10 @@ impl<T: Scalar> Slip<T> {
         let at = self.layout().velocity();
         match lie {
             None => x[at + 2],
-            Some(lie) => lie.stance.pose_rates(vec2(x[at], x[at + 1]), x[at + 2])[2],
+            Some(lie) => match lie.moves(self, x) {
+                Some((rates, _)) => rates[2],
+                None => lie.stance.pose_rates(vec2(x[at], x[at + 1]), x[at + 2])[2],
+            },
         }
     }
 
@@ -710,12 +723,24 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
             gears += action.gears;
             friction += action.rubbed - draw.dot(slip);
         }
-        let v_rate = product(n, &self.inverse, &force);
+        dx[self.attitude()..].fill(T::zero());
+        let v_rate = match self.accelerate(x, &force, lie) {
+            Some((rates, heave)) => {
+                let up = self.attitude() + 3;
+                dx[up..up + 3].copy_from_slice(&heave);
+                rates
+            }
+            None => product(n, &self.inverse, &force),
+        };
         dx[at..at + n].copy_from_slice(&v_rate[..n]);
+        if let Some((_, lies)) = lie.and_then(|lie| lie.moves(self, x)) {
+            let at = self.attitude();
+            dx[at..at + 3].copy_from_slice(&lies);
+        }
+        friction += self.damped(x, lie);
         self.follow(x, dx, lie);
         let ledger = layout.ledger();
         dx[ledger..ledger + 4].copy_from_slice(&[supplied, windings, gears, friction]);
-        dx[self.attitude()..].fill(T::zero());
     }
 
     fn output(&self, x: &[T], u: &[T], mode: &[T], y: &mut [T]) {
@@ -778,12 +803,15 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         y[0] = velocity.x;
         y[1] = velocity.y;
         y[2] = yaw_rate;
-        y[3] = half * kinetic;
+        y[3] = half.mul_add(kinetic, self.swung(x));
         let center = vec2(x[0], x[1]) * self.mass + self.first.rotated(x[YAW + 1], x[YAW + 2]);
         y[4] = -self.ground.gravity.dot(center);
         y[5] = magnetic;
         if let (Some(lie), Some(footing)) = (lie, &self.footing) {
             y[4] = lie.stance.potential;
+            // On springs the loads are those that the forces have made.
+            let push = vec2(lie.stance.push[0], lie.stance.push[1]);
+            let force = if lie.spring.is_some() { -push } else { force };
             y[BODY_OUTPUTS - 1] = footing.margin(&self.platform, &lie.stance, force);
             return;
         }
@@ -855,6 +883,7 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
     }
 
     fn is_derived(&self, index: usize) -> bool {
-        index >= self.attitude() || self.platform.repeats_angle(index)
+        let follows = index >= self.attitude() && self.springs().is_none();
+        follows || self.platform.repeats_angle(index)
     }
 }

@@ -11,6 +11,7 @@ use crate::platform::{MAX_WHEELS, Platform, YAW};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::MAX_DOF;
 use crate::support::Support;
+use crate::suspension::{Sprung, Suspension};
 use crate::terrain::{Disc, Share, Terrain, Touch};
 use crate::wheel::Steering;
 
@@ -22,12 +23,15 @@ pub type Attitude<T> = [T; 3];
 pub struct Footing<T> {
     terrain: Terrain,
     gravity: T,
+    /// Gravity along the map, where that is inclined, m/s².
+    aside: Vec2<T>,
     mass: T,
     /// Center of mass, base frame, m.
     center: [T; 3],
     /// Of each wheel: load on level ground, N, and stiffness, N/m.
     level: [T; MAX_WHEELS],
     stiffness: [T; MAX_WHEELS],
+    sprung: Option<Sprung<T>>,
     support: Support<T>,
 }
 
@@ -48,6 +52,8 @@ pub struct Stance<T: Scalar> {
     pub twists: [T; MAX_WHEELS],
     /// Gravity normal to the chassis, m/s².
     pub gravity_normal: T,
+    /// Forward and left axes of the chassis and its normal, in the world.
+    pub axes: [[T; 3]; 3],
     /// Rates of x, y and yaw over forward and left velocity and turning rate of the chassis.
     pub rates: [[T; 3]; 3],
     /// Energy of height and of wheels that give, J.
@@ -88,6 +94,8 @@ const CLOSE: f64 = 1e-15;
 const ENOUGH: f64 = 1e-12;
 /// The same at which it stands all the same: a tenth of what tires give.
 const CLOSE_ENOUGH: f64 = 1e-4;
+/// How often the place of a wheel on its spring is looked for: each time closer by the square.
+const FOUND: usize = 2;
 /// Share of its stiffness that a wheel in the air keeps in the search.
 const TRACE: f64 = 1e-6;
 
@@ -127,12 +135,38 @@ impl<T: Scalar> Footing<T> {
         Ok(Footing {
             terrain,
             gravity,
+            aside: Vec2::zero(),
             mass,
             center: [flat.x, flat.y, up],
             level,
             stiffness,
+            sprung: None,
             support,
         })
+    }
+
+    /// The same on a map that is inclined: gravity along it, m/s², world axes.
+    pub fn inclined(mut self, gravity: Vec2<T>) -> Self {
+        self.aside = gravity;
+        self
+    }
+
+    /// The same on springs, which give in place of the tires.
+    pub fn on_springs(mut self, platform: &Platform<T>, suspension: &Suspension<T>) -> Self {
+        let count = platform.wheels().len();
+        self.stiffness[..count].copy_from_slice(&suspension.stiffness);
+        self.sprung = Some(Sprung::new(platform, suspension));
+        self
+    }
+
+    /// Stiffness of wheel i or its spring, N/m.
+    pub(crate) fn stiffness(&self, i: usize) -> T {
+        self.stiffness[i]
+    }
+
+    /// What its springs carry, where it has any.
+    pub fn sprung(&self) -> Option<&Sprung<T>> {
+        self.sprung.as_ref()
     }
 
     /// The ground.
@@ -228,66 +262,55 @@ impl<T: Scalar> Footing<T> {
         look.stance
     }
 
-    /// What acts at an attitude, and how that changes with it, with those wheels in the air that a rest
-    /// near by would have there.
-    fn look(&self, platform: &Platform<T>, x: &[T], attitude: Attitude<T>) -> Look<T> {
-        let (cos_yaw, sin_yaw) = (x[YAW + 1], x[YAW + 2]);
-        let (sin_roll, cos_roll) = attitude[1].sin_cos();
-        let (sin_pitch, cos_pitch) = attitude[2].sin_cos();
-        // Axes of the chassis in the world.
-        let forward = [cos_yaw * cos_pitch, sin_yaw * cos_pitch, -sin_pitch];
-        let left = [
-            cos_yaw * sin_pitch * sin_roll - sin_yaw * cos_roll,
-            sin_yaw * sin_pitch * sin_roll + cos_yaw * cos_roll,
-            cos_pitch * sin_roll,
-        ];
-        let normal = cross(forward, left);
+    /// What is there at an attitude: weight, ground, and where each wheel touches it.
+    pub(crate) fn survey(
+        &self,
+        platform: &Platform<T>,
+        x: &[T],
+        attitude: Attitude<T>,
+    ) -> Survey<T> {
+        let axes = axes(x, attitude);
+        let [forward, left, normal] = axes;
         let place = |r: [T; 3]| {
             [0, 1, 2].map(|k| r[0].mul_add(forward[k], r[1].mul_add(left[k], r[2] * normal[k])))
         };
         let weight = self.mass * self.gravity;
         let center = place(self.center);
-        let down = [T::zero(), T::zero(), -weight];
-        let mut force = [
-            dot3(normal, down),
-            dot3(forward, cross(center, down)),
-            dot3(left, cross(center, down)),
-        ];
-        let push = [
-            dot3(forward, down),
-            dot3(left, down),
-            dot3(normal, cross(center, down)),
-        ];
-        // Over changes of height, roll and pitch; over heave, roll and pitch of the chassis; over its
-        // motion in its plane.
-        let mut change = [[T::zero(); 3]; 3];
-        let mut heave = [[T::zero(); 3]; 3];
-        let mut drawn = [[T::zero(); 3]; 3];
-        let aside = [-sin_yaw, cos_yaw, T::zero()];
-        let mut stance = Stance {
+        let along = self.aside * self.mass;
+        let down = [along.x, along.y, -weight];
+        let height = weight * (attitude[0] + center[2]);
+        let mut survey = Survey {
             attitude,
-            loads: [T::zero(); MAX_WHEELS],
-            lifted: [T::Mask::splat(true); MAX_WHEELS],
-            gradients: [Vec2::zero(); MAX_WHEELS],
-            twists: [T::zero(); MAX_WHEELS],
-            push,
-            gravity_normal: self.gravity * normal[2],
-            rates: [[T::zero(); 3]; 3],
-            potential: weight * (attitude[0] + center[2]),
+            axes,
+            weight: [
+                dot3(normal, down),
+                dot3(forward, cross(center, down)),
+                dot3(left, cross(center, down)),
+            ],
+            push: [
+                dot3(forward, down),
+                dot3(left, down),
+                dot3(normal, cross(center, down)),
+            ],
+            gravity_normal: self
+                .gravity
+                .mul_add(normal[2], -self.aside.dot(vec2(normal[0], normal[1]))),
+            potential: height - along.dot(vec2(x[0] + center[0], x[1] + center[1])),
+            contacts: [Contact::none(); MAX_WHEELS],
             standing: Standing::Stands,
         };
-        let axes = [forward, left, normal];
-        let mut contacts = [Contact::none(); MAX_WHEELS];
+        let aside = [-x[YAW + 2], x[YAW + 1], T::zero()];
         for (i, wheel) in platform.wheels().iter().enumerate() {
             let frame = platform.wheel_frame(i, x);
-            let hub = place([wheel.mount.x, wheel.mount.y, wheel.radius]);
+            let at_rest = place([wheel.mount.x, wheel.mount.y, wheel.radius]);
             let ahead = [0, 1, 2].map(|k| {
                 frame
                     .forward
                     .x
                     .mul_add(forward[k], frame.forward.y * left[k])
             });
-            let disc = Disc {
+            let mut hub = at_rest;
+            let disc = |hub: &[T; 3]| Disc {
                 center: [
                     (x[0] + hub[0]).lane(0),
                     (x[1] + hub[1]).lane(0),
@@ -297,9 +320,24 @@ impl<T: Scalar> Footing<T> {
                 up: normal.map(|a| a.lane(0)),
                 radius: wheel.radius.lane(0),
             };
-            let (first, second) = self.terrain.touches(&disc, SAG * disc.radius);
-            if first.is_wall && stance.standing == Standing::Stands {
-                stance.standing = Standing::Blocked(i);
+            let within = SAG * wheel.radius.lane(0);
+            let (mut first, mut second) = self.terrain.touches(&disc(&hub), within);
+            // Springs give more than tires: the wheel touches from where they have brought it.
+            let mut travel = T::zero();
+            if self.sprung.is_some() {
+                for _ in 0..FOUND {
+                    let slope = vec2(T::from(first.gradient.x), T::from(first.gradient.y));
+                    let out = normal[2] - slope.dot(vec2(normal[0], normal[1]));
+                    travel += T::from(first.depth) / out;
+                    if (self.stiffness[i] * travel).lane(0) <= -self.level[i].lane(0) {
+                        break;
+                    }
+                    hub = [0, 1, 2].map(|k| travel.mul_add(normal[k], at_rest[k]));
+                    (first, second) = self.terrain.touches(&disc(&hub), within);
+                }
+            }
+            if first.is_wall && survey.standing == Standing::Stands {
+                survey.standing = Standing::Blocked(i);
             }
             let meet = |touch: &Touch| {
                 // The point of the rim that touches, from P.
@@ -323,11 +361,16 @@ impl<T: Scalar> Footing<T> {
                     turned: [T::one(), dot3(forward, moment), dot3(aside, moment)],
                     twist: s * dot3(cross(normal, ahead), pushed),
                 };
-                (rows, T::from(touch.depth) - dot3(moved, pushed))
+                let depth = T::from(touch.depth) - dot3(moved, pushed);
+                match self.sprung {
+                    None => (rows, depth),
+                    // Force and way along the normal of the chassis.
+                    Some(_) => (rows.scaled(T::one() / out), depth / out + travel),
+                }
             };
             let (rows, depth) = meet(&first);
             let load = self.stiffness[i].mul_add(depth, self.level[i]);
-            contacts[i] = match second {
+            survey.contacts[i] = match second {
                 None => Contact {
                     load,
                     parts: [rows, Rows::none()],
@@ -348,25 +391,69 @@ impl<T: Scalar> Footing<T> {
                 }
             };
         }
-        let contacts = &contacts[..platform.wheels().len()];
-        let Some(lifted) = self.lift(contacts, force.map(|f| f.lane(0))) else {
-            if stance.standing == Standing::Stands {
-                stance.standing = Standing::Falls;
+        survey
+    }
+
+    /// What acts at an attitude, and how that changes with it, with those wheels in the air that a rest
+    /// near by would have there.
+    fn look(&self, platform: &Platform<T>, x: &[T], attitude: Attitude<T>) -> Look<T> {
+        let survey = self.survey(platform, x, attitude);
+        let count = platform.wheels().len();
+        let weight = survey.weight.map(|part| part.lane(0));
+        match self.lift(&survey.contacts[..count], weight) {
+            Some(lifted) => {
+                let mut loads = [T::zero(); MAX_WHEELS];
+                for i in (0..count).filter(|&i| !lifted[i]) {
+                    loads[i] = survey.contacts[i].load;
+                }
+                self.bear(platform, x, &survey, &loads, &lifted)
             }
-            return Look {
-                stance,
-                force,
-                change,
-            };
+            None => {
+                let none = [T::zero(); MAX_WHEELS];
+                let mut look = self.bear(platform, x, &survey, &none, &[true; MAX_WHEELS]);
+                if look.stance.standing == Standing::Stands {
+                    look.stance.standing = Standing::Falls;
+                }
+                look
+            }
+        }
+    }
+
+    /// What acts where contacts bear these loads, N, of those that touch.
+    pub(crate) fn bear(
+        &self,
+        platform: &Platform<T>,
+        x: &[T],
+        survey: &Survey<T>,
+        loads: &[T; MAX_WHEELS],
+        lifted: &[bool; MAX_WHEELS],
+    ) -> Look<T> {
+        let [forward, left, normal] = survey.axes;
+        let mut force = survey.weight;
+        // Over changes of height, roll and pitch; over heave, roll and pitch of the chassis; over its
+        // motion in its plane.
+        let mut change = [[T::zero(); 3]; 3];
+        let mut heave = [[T::zero(); 3]; 3];
+        let mut drawn = [[T::zero(); 3]; 3];
+        let mut stance = Stance {
+            attitude: survey.attitude,
+            loads: [T::zero(); MAX_WHEELS],
+            lifted: [T::Mask::splat(true); MAX_WHEELS],
+            gradients: [Vec2::zero(); MAX_WHEELS],
+            twists: [T::zero(); MAX_WHEELS],
+            push: survey.push,
+            gravity_normal: survey.gravity_normal,
+            axes: survey.axes,
+            rates: [[T::zero(); 3]; 3],
+            potential: survey.potential,
+            standing: survey.standing,
         };
         for (i, wheel) in platform.wheels().iter().enumerate() {
-            let contact = &contacts[i];
+            let contact = &survey.contacts[i];
+            let load = loads[i];
             // A wheel in the air keeps a trace of stiffness: two wheels alone would have none to roll by.
-            let (load, stiffness) = if lifted[i] {
-                (T::zero(), self.stiffness[i] * T::from(TRACE))
-            } else {
-                (contact.load, self.stiffness[i])
-            };
+            let kept = if lifted[i] { TRACE } else { 1.0 };
+            let stiffness = self.stiffness[i] * T::from(kept);
             stance.lifted[i] = T::Mask::splat(lifted[i]);
             let whole = contact.whole();
             let [within, out] = [whole.within, whole.out];
@@ -393,8 +480,11 @@ impl<T: Scalar> Footing<T> {
             stance.gradients[i] = vec2(within[0], within[1]) * (-T::one() / out[0]);
             let across = within[0].mul_add(within[0], within[1] * within[1]);
             stance.loads[i] = load * out[0].mul_add(out[0], across).sqrt();
-            let elastic = T::from(0.5) * load * load / self.stiffness[i];
-            stance.potential += elastic;
+            let spring = match &self.sprung {
+                Some(_) => contact.load.max(T::zero()),
+                None => load,
+            };
+            stance.potential += T::from(0.5) * spring * spring / self.stiffness[i];
             // About the axis of its steering, which it touches the ground ahead of.
             let twist = load * whole.twist;
             match wheel.steering {
@@ -414,6 +504,8 @@ impl<T: Scalar> Footing<T> {
                 _ => stance.twists[i] = twist,
             }
         }
+        let (sin_roll, cos_roll) = survey.attitude[1].sin_cos();
+        let (_, cos_pitch) = survey.attitude[2].sin_cos();
         // As it moves in its plane it heaves, rolls and pitches so that its wheels stay on the ground.
         let unit = |k: usize| [0, 1, 2].map(|a| T::from(f64::from(u8::from(a == k))));
         for k in 0..3 {
@@ -522,23 +614,40 @@ impl<T: Scalar> Footing<T> {
 }
 
 /// What a unit of force at a contact does, and how the contact moves with the chassis.
-#[derive(Clone, Copy)]
-struct Rows<T> {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rows<T> {
     /// Along the normal of the chassis, and about its forward and left axes.
-    out: [T; 3],
+    pub(crate) out: [T; 3],
     /// In the plane of the chassis: forward, to the left, and about its normal.
-    within: [T; 3],
+    pub(crate) within: [T; 3],
     /// How much deeper it is for less height, roll and pitch.
     turned: [T; 3],
     /// Its moment about the axis of the wheel's steering.
     twist: T,
 }
 
+/// What is there at an attitude.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Survey<T> {
+    attitude: Attitude<T>,
+    axes: [[T; 3]; 3],
+    /// Force of the weight along the normal of the chassis, N, and its moments about the forward and left
+    /// axes, N·m.
+    pub(crate) weight: [T; 3],
+    /// Its force in the plane of the chassis and moment about the normal.
+    push: [T; 3],
+    gravity_normal: T,
+    /// Energy of height, J.
+    potential: T,
+    pub(crate) contacts: [Contact<T>; MAX_WHEELS],
+    standing: Standing,
+}
+
 /// A wheel on the ground, at an attitude.
-#[derive(Clone, Copy)]
-struct Contact<T> {
-    /// What it bears, N; below zero it would pull.
-    load: T,
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Contact<T> {
+    /// What tire or spring bears, N; below zero it would pull.
+    pub(crate) load: T,
     /// Where it touches: on one place, or shared by two.
     parts: [Rows<T>; 2],
     /// Share of the second, and how fast that grows with its depth over that of the first, 1/m.
@@ -547,6 +656,15 @@ struct Contact<T> {
 }
 
 impl<T: Scalar> Rows<T> {
+    fn scaled(self, by: T) -> Self {
+        Rows {
+            out: self.out.map(|part| part * by),
+            within: self.within.map(|part| part * by),
+            turned: self.turned.map(|part| part * by),
+            twist: self.twist * by,
+        }
+    }
+
     fn none() -> Self {
         let none = [T::zero(); 3];
         Rows {
@@ -569,7 +687,7 @@ impl<T: Scalar> Contact<T> {
     }
 
     /// What a unit of its load does.
-    fn whole(&self) -> Rows<T> {
+    pub(crate) fn whole(&self) -> Rows<T> {
         let [first, second] = &self.parts;
         let mix = |a: T, b: T| self.share.mul_add(b - a, a);
         let mixed = |a: &[T; 3], b: &[T; 3]| [0, 1, 2].map(|k| mix(a[k], b[k]));
@@ -586,11 +704,28 @@ impl<T: Scalar> Contact<T> {
 }
 
 impl<T: Scalar> Stance<T> {
+    /// Whether it stands before a wall, or lies over; a robot on springs may be in the air.
+    pub(crate) fn upright(&self) -> Standing {
+        let tilt = self.attitude[1].abs().max(self.attitude[2].abs());
+        match self.standing {
+            Standing::Blocked(i) => Standing::Blocked(i),
+            _ if tilt.less_equal(T::from(FALLEN)).all() => Standing::Stands,
+            _ => Standing::Falls,
+        }
+    }
+
     /// Rates of x, y and yaw at a twist in the plane of the chassis.
     #[inline(always)]
     pub fn pose_rates(&self, velocity: Vec2<T>, yaw_rate: T) -> [T; 3] {
         self.rates
             .map(|row| row[0].mul_add(velocity.x, row[1].mul_add(velocity.y, row[2] * yaw_rate)))
+    }
+
+    /// Rates of x, y and yaw, and of height, roll and pitch, at a twist in the plane of the chassis and
+    /// velocities of heave, roll and pitch, chassis axes.
+    #[inline(always)]
+    pub fn moves(&self, velocity: Vec2<T>, yaw_rate: T, heave: [T; 3]) -> ([T; 3], [T; 3]) {
+        moves(&self.axes, velocity, yaw_rate, heave)
     }
 
     /// Moment of the ground on each steering coordinate, N·m.
@@ -613,15 +748,53 @@ impl<T: Scalar> Stance<T> {
 }
 
 /// What is known at an attitude.
-struct Look<T: Scalar> {
-    stance: Stance<T>,
+pub(crate) struct Look<T: Scalar> {
+    pub(crate) stance: Stance<T>,
     /// Force along the normal of the chassis, and moments about its forward and left axes.
-    force: [T; 3],
+    pub(crate) force: [T; 3],
     /// How much these fall with height, roll and pitch.
     change: [[T; 3]; 3],
 }
 
-fn cross<T: Scalar>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+/// Forward and left axes of a chassis and its normal, in the world.
+pub(crate) fn axes<T: Scalar>(x: &[T], attitude: Attitude<T>) -> [[T; 3]; 3] {
+    let (cos_yaw, sin_yaw) = (x[YAW + 1], x[YAW + 2]);
+    let (sin_roll, cos_roll) = attitude[1].sin_cos();
+    let (sin_pitch, cos_pitch) = attitude[2].sin_cos();
+    let forward = [cos_yaw * cos_pitch, sin_yaw * cos_pitch, -sin_pitch];
+    let left = [
+        cos_yaw * sin_pitch * sin_roll - sin_yaw * cos_roll,
+        sin_yaw * sin_pitch * sin_roll + cos_yaw * cos_roll,
+        cos_pitch * sin_roll,
+    ];
+    [forward, left, cross(forward, left)]
+}
+
+/// Rates of x, y and yaw, and of height, roll and pitch, of a chassis with these axes.
+#[inline(always)]
+pub(crate) fn moves<T: Scalar>(
+    [forward, left, normal]: &[[T; 3]; 3],
+    velocity: Vec2<T>,
+    yaw_rate: T,
+    [rise, roll, pitch]: [T; 3],
+) -> ([T; 3], [T; 3]) {
+    let way = |k: usize| {
+        velocity
+            .x
+            .mul_add(forward[k], velocity.y.mul_add(left[k], rise * normal[k]))
+    };
+    // What roll and pitch make of the axes' heights: cos² of the pitch is what both others share.
+    let level = left[2].mul_add(left[2], normal[2] * normal[2]);
+    let yaw = pitch.mul_add(left[2], yaw_rate * normal[2]) / level;
+    let attitude = [
+        way(2),
+        (-forward[2]).mul_add(yaw, roll),
+        pitch.mul_add(normal[2], -(yaw_rate * left[2])) / level.sqrt(),
+    ];
+    ([way(0), way(1), yaw], attitude)
+}
+
+pub(crate) fn cross<T: Scalar>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -629,12 +802,12 @@ fn cross<T: Scalar>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     ]
 }
 
-fn dot3<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
+pub(crate) fn dot3<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }
 
 /// Solves a system of three.
-fn solve3<T: Scalar>(a: &[[T; 3]; 3], b: [T; 3]) -> [T; 3] {
+pub(crate) fn solve3<T: Scalar>(a: &[[T; 3]; 3], b: [T; 3]) -> [T; 3] {
     let columns = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])];
     let scale = T::one() / dot3(a[0], columns[0]);
     [0, 1, 2].map(|k| {

@@ -1,5 +1,6 @@
 //! An implicit method for slipping wheels: stiff contacts set no limit to its step.
 
+use super::sprung::Ride;
 use super::{Axes, Lie, Slip, is_zero};
 use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, YAW};
@@ -117,7 +118,7 @@ fused! {
         let stage = T::from(SHARE * dt);
         room.begin.copy_from_slice(x);
         room.from.copy_from_slice(x);
-        let lie = system.lie_ahead(stage, room.from, x, system.stance(x).as_ref());
+        let lie = system.lie_ahead(stage, room.from, x, None);
         if !system.euler(u, stage, room.from, x, mode, lie.as_ref()) {
             return false;
         }
@@ -153,7 +154,15 @@ impl<T: Scalar> Slip<T> {
         let brake = u[layout.brake_input()];
         let mut found = false;
         let mut loads = [T::zero(); MAX_WHEELS];
+        let ride = Ride::new(self, step, from, x, lie);
+        let mut ridden = None;
         for attempt in 0..TRIES {
+            let answer = ride.as_ref().map(|ride| {
+                let (lie, answer) = ride.answer(self, x);
+                ridden = Some(lie);
+                answer
+            });
+            let lie = ridden.as_ref().or(lie);
             self.turn(step, from, x, lie);
             let mut touches = [None; MAX_WHEELS];
             let mut pulls = [Vec2::zero(); MAX_WHEELS];
@@ -175,6 +184,14 @@ impl<T: Scalar> Slip<T> {
                 for b in 0..n {
                     matrix[a][b] = self.inertia[a][b] * per_step;
                     right[a] = (-matrix[a][b]).mul_add(v[b] - from[at + b], right[a]);
+                }
+            }
+            if let Some(answer) = answer {
+                for a in 0..3 {
+                    right[a] += answer.force[a];
+                    for b in 0..3 {
+                        matrix[a][b] += answer.change[a][b];
+                    }
                 }
             }
             for k in 0..layout.steered.len() {
@@ -260,7 +277,7 @@ impl<T: Scalar> Slip<T> {
                 break;
             }
         }
-        self.finish(u, step, from, x, &loads, lie);
+        self.finish(u, step, from, x, &loads, ridden.as_ref().or(lie));
         found
     }
 
@@ -353,6 +370,12 @@ impl<T: Scalar> Slip<T> {
         let travel = self.travel(x, lie);
         x[0] = step.mul_add(travel[0], from[0]);
         x[1] = step.mul_add(travel[1], from[1]);
+        if let Some((_, lies)) = lie.and_then(|lie| lie.moves(self, x)) {
+            let at = self.attitude();
+            for k in 0..3 {
+                x[at + k] = step.mul_add(lies[k], from[at + k]);
+            }
+        }
         let mut touches = [None; MAX_WHEELS];
         for i in 0..layout.wheels {
             let spin = layout.spin(i);
@@ -381,6 +404,7 @@ impl<T: Scalar> Slip<T> {
             gears += drive.gears;
             friction += rubbed - (touch.grip * loads[i]).dot(touch.slip);
         }
+        friction += self.damped(x, lie);
         let ledger = layout.ledger();
         let powers: [T; LEDGER] = [supplied, windings, gears, friction];
         for (k, power) in powers.into_iter().enumerate() {
@@ -391,7 +415,7 @@ impl<T: Scalar> Slip<T> {
 
 /// Solves a system whose diagonal the masses carry, by Gauss without pivoting.
 #[inline(always)]
-fn eliminate<T: Scalar>(n: usize, mut a: Square<T>, mut b: Row<T>) -> Row<T> {
+pub(super) fn eliminate<T: Scalar>(n: usize, mut a: Square<T>, mut b: Row<T>) -> Row<T> {
     for k in 0..n {
         let pivot = T::one() / a[k][k];
         for i in k + 1..n {

@@ -1,6 +1,7 @@
 //! Wheels that slip on uneven ground: what the ground does to a robot that lies on it, and to each of
 //! its contacts. `[eq:slip-uneven]`
 
+use super::sprung::Spring;
 use super::{Axes, Slip};
 use crate::planar::{Vec2, vec2};
 use crate::platform::{MAX_WHEELS, YAW};
@@ -20,7 +21,9 @@ pub(super) struct Lie<T: Scalar> {
     /// Loads before contacts ease themselves: Nᵢ = aᵢ + bᵢ · F.
     pub(super) loads: ([T; MAX_WHEELS], [Vec2<T>; MAX_WHEELS]),
     /// What each carries beyond its share on a plane, N.
-    beyond: [T; MAX_WHEELS],
+    pub(super) beyond: [T; MAX_WHEELS],
+    /// What bears it on springs.
+    pub(super) spring: Option<Spring<T>>,
 }
 
 impl<T: Scalar> Lie<T> {
@@ -40,6 +43,7 @@ impl<T: Scalar> Lie<T> {
             stance,
             loads: (still, shift),
             beyond,
+            spring: None,
         }
     }
 
@@ -182,23 +186,35 @@ impl<T: Scalar> Slip<T> {
         Some(footing.stand(&self.platform, x, [x[at], x[at + 1], x[at + 2]]))
     }
 
-    /// Renews height, roll and pitch in a state, and says whether it can stand so.
+    /// Renews height, roll and pitch in a state, and says whether it can stand so; on springs, whose motion
+    /// they are, says whether it is upright and no wall stands before a wheel.
     pub fn stand(&self, x: &mut [T]) -> Standing {
+        if let Some(lie) = self.ride(x) {
+            return lie.stance.upright();
+        }
+        self.settle_down(x)
+    }
+
+    /// Renews height, roll and pitch in a state by those at rest.
+    pub(super) fn settle_down(&self, x: &mut [T]) -> Standing {
         let Some(stance) = self.stance(x) else {
             return Standing::Stands;
         };
         let at = self.attitude();
-        x[at..].copy_from_slice(&stance.attitude);
+        x[at..at + 3].copy_from_slice(&stance.attitude);
         stance.standing
     }
 
     pub(super) fn lie(&self, x: &[T]) -> Option<Lie<T>> {
+        if self.springs().is_some() {
+            return self.ride(x);
+        }
         let support = self.support.as_ref()?;
         Some(Lie::new(self.stance(x)?, self, support))
     }
 
     /// How it lies at the end of a step from the state `from`, by the velocities in x and the rates of a
-    /// stance near by: off by what the square of the step makes of accelerations.
+    /// stance near by, found where there is none: off by what the square of the step makes of accelerations.
     pub(super) fn lie_ahead(
         &self,
         step: T,
@@ -206,7 +222,18 @@ impl<T: Scalar> Slip<T> {
         x: &mut [T],
         before: Option<&Stance<T>>,
     ) -> Option<Lie<T>> {
-        let before = before?;
+        if self.springs().is_some() {
+            self.led(step, from, x);
+            return self.ride(x);
+        }
+        let found;
+        let before = match before {
+            Some(before) => before,
+            None => {
+                found = self.stance(x)?;
+                &found
+            }
+        };
         let at = self.layout().velocity();
         let [x_rate, y_rate, yaw_rate] = before.pose_rates(vec2(x[at], x[at + 1]), x[at + 2]);
         x[0] = step.mul_add(x_rate, from[0]);

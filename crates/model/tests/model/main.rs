@@ -12,6 +12,7 @@ mod order;
 mod random_platforms;
 mod single_track;
 mod slip;
+mod suspension;
 mod terrain;
 mod terrain_slip;
 mod trailer;
