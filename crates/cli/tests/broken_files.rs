@@ -69,6 +69,9 @@ const HOMING: &str = "scenarios/homing.toml";
 const GATE: &str = "scenarios/gate.toml";
 const CIRCLE: &str = "scenarios/circle.toml";
 const TWO_ROBOTS: &str = "scenarios/two-robots.toml";
+/// A robot on springs, and a scenario with it.
+const SPRUNG: &str = "robots/buggy-tenth.toml";
+const JUMP: &str = "scenarios/jump.toml";
 const ROBOT: &str = "robots/three-wheeler.toml";
 
 /// A beacon, to be multiplied.
@@ -181,6 +184,42 @@ const SCENARIOS: &[Row] = &[
 
 /// Robot files: each is refused by itself, and in a scenario that names it.
 const ROBOTS: &[Row] = &[
+    row(
+        "springs-under-some",
+        SPRUNG,
+        (
+            "width = 0.03\nsteering = { kind = \"guided\", by = \"front-left\" }\nsuspension = { stiffness = 300.0, damping = 12.0 }",
+            "width = 0.03\nsteering = { kind = \"guided\", by = \"front-left\" }",
+        ),
+        "[[wheel]]\nname = \"front-right\"",
+        &["wheel.front-right.suspension: must be given, for wheel rear-left has one"],
+    ),
+    row(
+        "springs-without-inertia",
+        SPRUNG,
+        ("pitch_inertia_com = 0.030", "#"),
+        "[body]",
+        &["body.pitch_inertia_com: must be given for a robot with a suspension"],
+    ),
+    row(
+        "inertias-of-no-body",
+        SPRUNG,
+        ("roll_inertia_com = 0.006 ", "roll_inertia_com = 0.9 "),
+        "roll_inertia_com = 0.9",
+        &["body.roll_inertia_com: must be at most the sum of the two other inertias"],
+    )
+    .bare(),
+    row(
+        "damping-negative",
+        SPRUNG,
+        (
+            "by = \"front-left\" }\nsuspension = { stiffness = 300.0, damping = 12.0 }",
+            "by = \"front-left\" }\nsuspension = { stiffness = 300.0, damping = -2.0 }",
+        ),
+        "suspension = { stiffness = 300.0, damping = -2.0 }",
+        &["wheel.front-right.suspension.damping: must be a finite number >= 0, got -2"],
+    )
+    .bare(),
     row(
         "radius-nan",
         ROBOT,
@@ -613,7 +652,7 @@ fn refusal_of_robots_in_scenarios() {
     report(
         ROBOTS
             .iter()
-            .map(|row| check_row(row, "run", SLALOM))
+            .map(|row| check_row(row, "run", if row.base == SPRUNG { JUMP } else { SLALOM }))
             .collect(),
     );
 }

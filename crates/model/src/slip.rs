@@ -5,6 +5,7 @@
 //! Masses of casters count at their pivots. Base axes for forces, world frame for the pose.
 
 mod implicit;
+mod patch;
 mod sprung;
 mod uneven;
 
@@ -22,6 +23,7 @@ use crate::tire::Tire;
 use crate::wheel::{Steering, WheelFrame};
 
 pub use implicit::Implicit;
+pub use patch::Patch;
 use uneven::Lie;
 
 /// Outputs of each wheel at this level, after those of the layout; [`SlipOutput`].
@@ -47,35 +49,6 @@ pub enum SlipOutput {
 
 /// Rolling speed below which slip ratios are taken against this, m/s.
 const SLOWEST: f64 = 1e-3;
-
-/// A part of the ground with a friction coefficient of its own: a rectangle along the world's axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patch<T> {
-    /// Its corner with the smallest coordinates, m.
-    pub low: Vec2<T>,
-    /// Its corner with the largest, m.
-    pub high: Vec2<T>,
-    /// Friction coefficient in sliding.
-    pub friction: T,
-}
-
-impl<T: Scalar> Patch<T> {
-    /// Whether a point of the world lies on it.
-    #[inline(always)]
-    pub fn holds(&self, point: Vec2<T>) -> T::Mask {
-        let x = self
-            .low
-            .x
-            .less_equal(point.x)
-            .and(point.x.less_equal(self.high.x));
-        let y = self
-            .low
-            .y
-            .less_equal(point.y)
-            .and(point.y.less_equal(self.high.y));
-        x.and(y)
-    }
-}
 
 /// How normal loads follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -328,6 +301,13 @@ impl<T: Scalar> Slip<T> {
     #[inline(always)]
     pub fn slip_output(&self, i: usize, what: SlipOutput) -> usize {
         self.layout().output() + SLIP_OUTPUTS * i + what as usize
+    }
+
+    /// Index of the first output of springs, on which the robot may stand: the way of each wheel towards the
+    /// body, m, from where the robot stands level.
+    pub fn travel(&self) -> Option<usize> {
+        self.springs()?;
+        Some(self.layout().output() + SLIP_OUTPUTS * self.layout().wheels)
     }
 
     /// A state of this level that rolls without slip: a state of the platform's layout at a twist, base
@@ -594,7 +574,7 @@ impl<T: Scalar> Slip<T> {
         let at = layout.velocity();
         let (velocity, yaw_rate) = (vec2(x[at], x[at + 1]), x[at + 2]);
         let turn = self.turning(x, lie);
-        [dx[0], dx[1]] = self.travel(x, lie);
+        [dx[0], dx[1]] = self.way(x, lie);
         dx[YAW] = turn;
         dx[YAW + 1] = -(x[YAW + 2] * turn);
         dx[YAW + 2] = x[YAW + 1] * turn;
@@ -612,7 +592,7 @@ impl<T: Scalar> Slip<T> {
 
     /// Rates of x and y on the map, m/s.
     #[inline(always)]
-    fn travel(&self, x: &[T], lie: Option<&Lie<T>>) -> [T; 2] {
+    fn way(&self, x: &[T], lie: Option<&Lie<T>>) -> [T; 2] {
         let at = self.layout().velocity();
         let velocity = vec2(x[at], x[at + 1]);
         match lie {
@@ -675,7 +655,9 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         Sizes {
             state: self.state(),
             input: layout.input(),
-            output: layout.output() + SLIP_OUTPUTS * layout.wheels,
+            output: layout.output()
+                + SLIP_OUTPUTS * layout.wheels
+                + self.travel().map_or(0, |_| layout.wheels),
             mode: layout.wheels,
             guards: layout.wheels,
         }
@@ -809,10 +791,20 @@ impl<T: Scalar> Dynamics<T> for Slip<T> {
         y[5] = magnetic;
         if let (Some(lie), Some(footing)) = (lie, &self.footing) {
             y[4] = lie.stance.potential;
+            if let Some(at) = self.travel() {
+                self.travelled(lie, &mut y[at..]);
+            }
             // On springs the loads are those that the forces have made.
             let push = vec2(lie.stance.push[0], lie.stance.push[1]);
-            let force = if lie.spring.is_some() { -push } else { force };
-            y[BODY_OUTPUTS - 1] = footing.margin(&self.platform, &lie.stance, force);
+            let sprung = lie.spring.is_some();
+            let force = if sprung { -push } else { force };
+            let margin = footing.margin(&self.platform, &lie.stance, force);
+            // They lie within the wheels that bear, and on their edge by rounding.
+            y[BODY_OUTPUTS - 1] = if sprung {
+                margin.max(T::zero())
+            } else {
+                margin
+            };
             return;
         }
         y[BODY_OUTPUTS - 1] = match &self.support {

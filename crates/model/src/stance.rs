@@ -164,6 +164,11 @@ impl<T: Scalar> Footing<T> {
         self.stiffness[i]
     }
 
+    /// How far tire or spring of wheel i gives under a load, N, from that on level ground, m.
+    pub(crate) fn travel(&self, i: usize, load: T) -> T {
+        (load.max(T::zero()) - self.level[i]) / self.stiffness[i]
+    }
+
     /// What its springs carry, where it has any.
     pub fn sprung(&self) -> Option<&Sprung<T>> {
         self.sprung.as_ref()

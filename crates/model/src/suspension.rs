@@ -95,6 +95,15 @@ impl<T: Scalar> Sprung<T> {
         }
     }
 
+    /// Roll and pitch inertia about the center of mass of the whole robot, kg·m².
+    pub fn inertias(&self) -> [T; 2] {
+        let [x, y, z] = self.center.map(|at| at * at);
+        [
+            self.own[1][1] - self.mass * (y + z),
+            self.own[2][2] - self.mass * (x + z),
+        ]
+    }
+
     /// Damping of wheel i, N·s/m.
     #[inline(always)]
     pub fn damping(&self, i: usize) -> T {

@@ -92,6 +92,12 @@ pub struct Body {
     pub inertia_com: f64,
     /// Center of mass in the base frame (x forward, y left, z above the ground), m.
     pub center_of_mass: [f64; 3],
+    /// Inertia about the forward axis through its own center of mass, kg·m²; for a suspension.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roll_inertia_com: Option<f64>,
+    /// Inertia about the left axis through its own center of mass, kg·m²; for a suspension.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_inertia_com: Option<f64>,
 }
 
 /// A wheel: a mount, a radius, a steering and a rim.
@@ -134,6 +140,21 @@ pub struct Wheel {
     /// How it grips the ground at level `slip`.
     #[serde(default)]
     pub tire: Tire,
+    /// The spring and damper on which it carries the body: heave, roll and pitch then are motions of
+    /// their own at level `slip`. All wheels of a robot have one, or none has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub suspension: Option<Suspension>,
+}
+
+/// A spring and a damper between a wheel and the body, along the body's normal. Springs are set so that the
+/// robot stands level on level ground.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Suspension {
+    /// Of the spring, N/m.
+    pub stiffness: f64,
+    /// Of the damper, N·s/m.
+    pub damping: f64,
 }
 
 /// A contact law: force over normal load for a slip of the contact patch. Slip stiffness is force over

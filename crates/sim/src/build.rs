@@ -12,6 +12,7 @@ use appell_model::platform::{Body, Platform, PlatformError, WheelOutput, YAW};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_model::slip::Patch;
+use appell_model::suspension::Suspension;
 use appell_model::tire::{Curve, Friction, Tire};
 use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
@@ -130,7 +131,41 @@ pub fn contacts<T: Scalar>(
         tires: tires(file, terrain, path, values),
         patches: patches(terrain, values),
         relief,
+        springs: springs(file, path, values),
     }
+}
+
+/// The springs of a file, if its wheels have some; their numbers stand under `path` in the scenario.
+pub fn springs<T: Scalar>(
+    file: &scenario::Platform,
+    path: &str,
+    values: &Values<'_, T>,
+) -> Option<Suspension<T>> {
+    let at = |key: fmt::Arguments<'_>, value: f64| values.at(format_args!("{path}.{key}"), value);
+    let body = &file.body;
+    let mut springs = Suspension {
+        stiffness: Vec::new(),
+        damping: Vec::new(),
+        roll_inertia: at(
+            format_args!("body.roll_inertia_com"),
+            body.roll_inertia_com?,
+        ),
+        pitch_inertia: at(
+            format_args!("body.pitch_inertia_com"),
+            body.pitch_inertia_com?,
+        ),
+    };
+    for wheel in &file.wheel {
+        let suspension = wheel.suspension?;
+        let at = |key: &str, value: f64| {
+            at(format_args!("wheel.{}.suspension.{key}", wheel.name), value)
+        };
+        springs
+            .stiffness
+            .push(at("stiffness", suspension.stiffness));
+        springs.damping.push(at("damping", suspension.damping));
+    }
+    Some(springs)
 }
 
 /// The contact law of each wheel of a file, on a ground with a friction coefficient of its own or the
@@ -390,6 +425,9 @@ fn wheel<T: Scalar>(
         found.unwrap_or(platform.wheel.len())
     };
     let (drive, rotor) = drive(&file.drive, drives, at);
+    // Relative: over the mean of all springs.
+    let springs = platform.wheel.iter().filter_map(|wheel| wheel.suspension);
+    let mean = springs.map(|spring| spring.stiffness).sum::<f64>() / platform.wheel.len() as f64;
     Wheel {
         name: file.name.clone(),
         mount: vec2(T::from(file.mount[0]), T::from(file.mount[1])),
@@ -421,7 +459,10 @@ fn wheel<T: Scalar>(
         pivot_viscous: at("friction.pivot_viscous", file.friction.pivot_viscous),
         dry_friction: at("friction.dry", file.friction.dry),
         friction_rounding: T::zero(),
-        stiffness: T::one(),
+        stiffness: match file.suspension {
+            None => T::one(),
+            Some(spring) => at("suspension.stiffness", spring.stiffness) / T::from(mean),
+        },
         brake: at("brake_torque", file.brake_torque),
         drive,
     }

@@ -7,7 +7,8 @@ use appell_model::planar::vec2;
 use appell_model::platform::Platform;
 use appell_model::solve::{dot, invert, product};
 use appell_model::support::Support;
-use appell_model::wheel::Steering;
+use appell_model::suspension::{Sprung, Suspension};
+use appell_model::wheel::{Steering, Wheel};
 
 use std::f64::consts::PI;
 
@@ -191,6 +192,10 @@ pub fn design(file: &File, gravity: f64) -> Design {
             format!("{load:.2} N"),
             "level ground",
         );
+    }
+
+    if let Some(springs) = build::springs(file, "", &build::Values::new(&[])) {
+        swings(&springs, &platform, center, &mut add);
     }
 
     // Straight motion and turning, seen through the reduced equations.
@@ -629,6 +634,39 @@ fn plausible(file: &File, warnings: &mut Vec<String>) {
                 wheel.vertical_inertia
             ));
         }
+    }
+}
+
+/// How a robot on springs heaves, rolls and pitches, each for itself.
+fn swings(
+    springs: &Suspension<f64>,
+    platform: &Platform<f64>,
+    center: [f64; 3],
+    add: &mut dyn FnMut(&str, String, &str),
+) {
+    let [roll, pitch] = Sprung::new(platform, springs).inertias();
+    let motions: [(&str, f64, &dyn Fn(&Wheel<f64>) -> f64); 3] = [
+        ("heave", platform.total_mass(), &|_| 1.0),
+        ("roll", roll, &|wheel| wheel.mount.y - center[1]),
+        ("pitch", pitch, &|wheel| wheel.mount.x - center[0]),
+    ];
+    for (name, inertia, lever) in motions {
+        let (mut stiffness, mut damping) = (0.0, 0.0);
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let square = lever(wheel) * lever(wheel);
+            stiffness += springs.stiffness[i] * square;
+            damping += springs.damping[i] * square;
+        }
+        let rate = (stiffness / inertia).sqrt();
+        let ratio = damping / (2.0 * inertia * rate);
+        add(
+            &format!("{name} on its springs"),
+            format!(
+                "{:.2} Hz, damping ratio {ratio:.2}",
+                rate / std::f64::consts::TAU
+            ),
+            "level slip; each motion alone",
+        );
     }
 }
 

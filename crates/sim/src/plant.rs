@@ -26,7 +26,7 @@ use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
 
 pub use alone::Contacts;
-use alone::{Alone, Motion, sliding, uneven};
+use alone::{Alone, Motion, on_footing, sliding};
 
 /// A platform that moves.
 pub struct Plant<T: Scalar = f64> {
@@ -132,14 +132,22 @@ impl<T: Scalar> Plant<T> {
         // Lanes know neither slip nor uneven ground; what they get instead fits none of it.
         let alone = if const { T::LANES > 1 } {
             None
-        } else if contacts.relief.is_some() {
-            let gravity = ground.gravity_normal;
-            let made = uneven(&platform, &contacts, gravity, level, numerics, start.angles);
-            Some(made.ok_or_else(|| PlantError {
-                field: "terrain.kind",
-                problem:
-                    "must be \"flat\" or \"plane\" here: derivatives know no uneven ground".into(),
-                hint: "change numbers by hand, or vary them in a batch".into(),
+        } else if contacts.relief.is_some() || (level == Level::Slip && contacts.springs.is_some())
+        {
+            let is_level = contacts.relief.is_none();
+            let angles = start.angles;
+            let made = on_footing(&platform, &contacts, &ground, level, numerics, angles);
+            Some(made.ok_or_else(|| {
+                PlantError {
+                    field: if is_level { "level" } else { "terrain.kind" },
+                    problem: if is_level {
+                        "must be another here: derivatives know no suspension"
+                    } else {
+                        "must be \"flat\" or \"plane\" here: derivatives know no uneven ground"
+                    }
+                    .into(),
+                    hint: "change numbers by hand, or vary them in a batch".into(),
+                }
             })??)
         } else if level == Level::Slip {
             Some(sliding(platform.clone(), contacts, ground)?)
@@ -209,6 +217,12 @@ impl<T: Scalar> Plant<T> {
             && system.contacts().is_some()
         {
             contact_ports(&prefix, system.platform(), &mut outputs);
+            if system.travel().is_some() {
+                outputs.extend(system.platform().wheels().iter().map(|wheel| Port {
+                    path: format!("{prefix}.wheel.{}.travel", wheel.name),
+                    unit: "m".into(),
+                }));
+            }
         }
         let y = vec![T::zero(); system.outputs()];
         let mut plant = Plant {
@@ -758,6 +772,9 @@ impl<T: Scalar> Block<T> for Plant<T> {
                 if draws(wheel) {
                     contact.iter().copied().for_each(&mut put);
                 }
+            }
+            if let Some(at) = system.travel() {
+                y[at..at + layout.wheels].iter().copied().for_each(&mut put);
             }
         }
     }

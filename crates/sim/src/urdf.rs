@@ -230,6 +230,8 @@ pub fn import(text: &str, answers: &Answers) -> Result<Imported, String> {
             mass: rounded(mass),
             inertia_com: rounded(inertia),
             center_of_mass: [center[0], center[1], center[2] - ground].map(rounded),
+            roll_inertia_com: None,
+            pitch_inertia_com: None,
         },
         wheel: made,
         trailer: None,
@@ -376,6 +378,7 @@ fn made_wheel(
         brake_torque: 0.0,
         drive,
         tire: Tire::default(),
+        suspension: None,
     }
 }
 
@@ -432,6 +435,7 @@ fn stand_ins(
             brake_torque: 0.0,
             drive: Drive::None,
             tire: Tire::default(),
+            suspension: None,
         });
     }
     made

@@ -51,6 +51,23 @@ struct Touch<T> {
     end: Vec2<T>,
 }
 
+impl<T: Scalar> Touch<T> {
+    /// A change of spin, rad/s, that goes with one of the motion of the base: where it would slip more the
+    /// other way it goes no further than where it rolls. In sliding forces hardly change with slip, and a light
+    /// wheel would be thrown to and fro for ever.
+    #[inline(always)]
+    fn caught(&self, change: Row<T>, turned: T) -> T {
+        let mut rolls = self.slip.x;
+        for axis in 0..3 {
+            rolls = self.rows[0][axis].mul_add(change[axis], rolls);
+        }
+        let next = (-self.lever).mul_add(turned, rolls);
+        let other = (next * self.slip.x).less(T::zero());
+        let thrown = other.and(self.slip.x.abs().less(next.abs()));
+        T::select(thrown, rolls / self.lever, turned)
+    }
+}
+
 impl<T: Scalar> Implicit<T> {
     /// Order of the method.
     pub const ORDER: u32 = 2;
@@ -264,6 +281,7 @@ impl<T: Scalar> Slip<T> {
                 for axis in 0..3 {
                     turned = spins[i][axis].mul_add(change[axis], turned);
                 }
+                turned = touch.caught(change, turned);
                 let rate = self.rate(i);
                 let stuck = is_zero(mode[i]).and(T::zero().less(self.axles[i].held(brake)));
                 let moved = scale.mul_add(turned, x[rate]);
@@ -367,7 +385,7 @@ impl<T: Scalar> Slip<T> {
                 }
             }
         }
-        let travel = self.travel(x, lie);
+        let travel = self.way(x, lie);
         x[0] = step.mul_add(travel[0], from[0]);
         x[1] = step.mul_add(travel[1], from[1]);
         if let Some((_, lies)) = lie.and_then(|lie| lie.moves(self, x)) {

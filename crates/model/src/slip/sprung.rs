@@ -311,6 +311,15 @@ impl<T: Scalar> Slip<T> {
         lost
     }
 
+    /// The way of each wheel towards the body, m.
+    pub(super) fn travelled(&self, lie: &Lie<T>, ways: &mut [T]) {
+        if let (Some((footing, _)), Some(spring)) = (self.springs(), &lie.spring) {
+            for i in 0..self.layout().wheels {
+                ways[i] = footing.travel(i, spring.survey.contacts[i].load);
+            }
+        }
+    }
+
     /// Energy of motion beyond that in the plane, J.
     pub(super) fn swung(&self, x: &[T]) -> T {
         let Some((_, sprung)) = self.springs() else {

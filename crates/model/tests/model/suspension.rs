@@ -8,7 +8,7 @@ use appell_model::scalar::Scalar;
 use appell_model::slip::{Implicit, Loads, Slip};
 use appell_model::stance::{Footing, Standing};
 use appell_model::suspension::Suspension;
-use appell_model::terrain::{Relief, Terrain, heading};
+use appell_model::terrain::{Form, Relief, Terrain, heading};
 use appell_model::tire::Tire;
 use appell_model::wheel::Wheel;
 
@@ -94,7 +94,12 @@ fn stored(system: &Slip<f64>, x: &[f64]) -> f64 {
 fn closed_form_heave_and_pitch() {
     let damping = 60.0;
     let robot = platform(four(TORQUE), true);
-    let system = on(robot, brush(0.8, 15.0), vec![], &springs(STIFFNESS, damping));
+    let system = on(
+        robot,
+        brush(0.8, 15.0),
+        vec![],
+        &springs(STIFFNESS, damping),
+    );
     let (mass, time) = (30.0, 0.7);
     let (k, c) = (4.0 * STIFFNESS, 4.0 * damping);
     let decay = c / (2.0 * mass);
@@ -104,7 +109,13 @@ fn closed_form_heave_and_pitch() {
     for step in steps {
         let mut x = at(&system, [0.0; 3], Vec2::zero());
         x[system.attitude()] = 0.005;
-        run(&system, &still(&system), step, (time / step).round() as u64, &mut x);
+        run(
+            &system,
+            &still(&system),
+            step,
+            (time / step).round() as u64,
+            &mut x,
+        );
         let (sin, cos) = Scalar::sin_cos(rate * time);
         let expected = 0.005 * Scalar::exp(-decay * time) * (cos + decay / rate * sin);
         errors.push((x[system.attitude()] - expected).abs());
@@ -179,8 +190,15 @@ fn closed_form_flight() {
         for k in 0..3 {
             let fall = if k == 2 { GRAVITY * time } else { 0.0 };
             let expected = from[k] + (speed[k] - 0.5 * fall) * time;
-            assert!((to[k] - expected).abs() < close, "{k}: {} {expected}", to[k]);
-            assert!((left[k] - speed[k] + fall).abs() < 3.0 * close, "{k}: {left:?}");
+            assert!(
+                (to[k] - expected).abs() < close,
+                "{k}: {} {expected}",
+                to[k]
+            );
+            assert!(
+                (left[k] - speed[k] + fall).abs() < 3.0 * close,
+                "{k}: {left:?}"
+            );
         }
         let lost = x[system.layout().ledger() + 3];
         assert!((stored(&system, x) + lost - energy).abs() < 30.0 * close);
@@ -209,8 +227,7 @@ fn closed_form_squat() {
     // About the point on the ground: springs, inertia along the chassis, weight that leans back.
     let stiff = 4.0 * STIFFNESS * 0.04;
     let damped = 4.0 * 150.0 * 0.04 * x[a + 5];
-    let settles =
-        stiff * sin / cos + damped - (up - mass * 0.1) * GRAVITY * sin + up * speedup;
+    let settles = stiff * sin / cos + damped - (up - mass * 0.1) * GRAVITY * sin + up * speedup;
     assert!(settles.abs() < 2e-3, "{settles:e} {pitch} {speedup}");
     assert!(pitch < -3e-3, "{pitch}");
     let y = outputs(&system, &x, &u);
@@ -219,7 +236,10 @@ fn closed_form_squat() {
     // What accelerates it, and what it leans back.
     let leans = (up - mass * 0.1) * GRAVITY * sin;
     let expected = (up * speedup - leans) / 0.2;
-    assert!((transfer - expected).abs() < 2e-3 * expected, "{transfer} {expected}");
+    assert!(
+        (transfer - expected).abs() < 2e-3 * expected,
+        "{transfer} {expected}"
+    );
 }
 
 /// Motors drive over waves on springs with dampers: what they supply is what height, springs and motion hold
@@ -227,7 +247,12 @@ fn closed_form_squat() {
 #[test]
 fn order_ledger_on_springs() {
     let robot = platform(four(motor(5e-3)), false);
-    let system = on(robot, brush(0.9, 12.0), waves(0.02), &springs(STIFFNESS, 80.0));
+    let system = on(
+        robot,
+        brush(0.9, 12.0),
+        waves(0.02),
+        &springs(STIFFNESS, 80.0),
+    );
     let mut u = still(&system);
     u[..4].copy_from_slice(&[8.0, 10.0, 8.0, 10.0]);
     let steps = [2e-3, 1e-3, 5e-4];
@@ -333,7 +358,12 @@ fn order_stiff_springs_follow_the_ground() {
         uphill: heading(0.3),
         grade: 0.15,
     };
-    let mut u = still(&on(robot.clone(), brush(0.9, 12.0), vec![], &springs(1.0, 1.0)));
+    let mut u = still(&on(
+        robot.clone(),
+        brush(0.9, 12.0),
+        vec![],
+        &springs(1.0, 1.0),
+    ));
     u[..4].copy_from_slice(&[8.0, 10.0, 8.0, 10.0]);
     let footing = Footing::new(&robot, Terrain::new(vec![uphill.clone()]), GRAVITY);
     let rigid = Slip::new(
@@ -350,7 +380,12 @@ fn order_stiff_springs_follow_the_ground() {
     let errors = gives.map(|give: f64| {
         let damping = 0.7 * 2.0 * Scalar::sqrt(7.5 / give);
         let springs = springs(1.0 / give, damping);
-        let system = on(robot.clone(), brush(0.9, 12.0), vec![uphill.clone()], &springs);
+        let system = on(
+            robot.clone(),
+            brush(0.9, 12.0),
+            vec![uphill.clone()],
+            &springs,
+        );
         let mut soft = at(&system, [0.1, 0.2, 0.5], Vec2::zero());
         run(&system, &u, 1e-3, 1500, &mut soft);
         Scalar::sqrt((soft[0] - x[0]).powi(2) + (soft[1] - x[1]).powi(2))
@@ -370,7 +405,12 @@ fn invariant_jump_and_landing() {
         length: 0.0,
     };
     let robot = platform(four(TORQUE), false);
-    let system = on(robot, brush(0.8, 15.0), vec![edge], &springs(STIFFNESS, 200.0));
+    let system = on(
+        robot,
+        brush(0.8, 15.0),
+        vec![edge],
+        &springs(STIFFNESS, 200.0),
+    );
     let a = system.attitude();
     let mut x = at(&system, [0.0; 3], vec2(2.0, 0.0));
     let mut implicit = Implicit::new(&system);
@@ -387,4 +427,42 @@ fn invariant_jump_and_landing() {
     assert!(flew);
     assert!(x[0] > 2.0 && (x[a] + 0.3).abs() < 1e-3, "{:?}", &x[a..]);
     assert!(x[a + 1].abs() + x[a + 2].abs() < 0.02, "{:?}", &x[a..]);
+}
+
+/// Hard springs on a washboard leave the ground at every crest; the forces are found all the same, also
+/// where a wheel that hardly turns lands on the next.
+#[test]
+fn invariant_hard_springs_on_a_washboard() {
+    let board = Relief::Wave {
+        at: vec2(1.0, 0.0),
+        along: heading(0.0),
+        form: Form::Sine,
+        amplitude: 0.01,
+        period: 0.3,
+        phase: 0.0,
+        length: 6.0,
+    };
+    for (stiffness, damping) in [(5.5e4, 130.0), (5.5e4, 1000.0), (1e6, 500.0), (3e3, 3000.0)] {
+        let mut wheels = four(TORQUE);
+        // Without inertia of its own: in sliding next to nothing holds it.
+        wheels[1].spin_inertia = 0.0;
+        let robot = platform(wheels, false);
+        let suspension = springs(stiffness, damping);
+        let system = on(robot, brush(0.9, 12.0), vec![board.clone()], &suspension);
+        let mut x = at(&system, [0.0; 3], vec2(3.0, 0.0));
+        let mut implicit = Implicit::new(&system);
+        let mut mode = vec![1.0; 4];
+        let u = still(&system);
+        let mut least = f64::MAX;
+        for step in 0..2500 {
+            let found = implicit.steps(&system, &u, 1e-3, 1, &mut x, &mut mode);
+            // In the air it is held, as a brake would.
+            x[system.rate(1)] *= if step % 40 == 0 { 0.1 } else { 1.0 };
+            assert!(found, "{stiffness} {damping} step {step}");
+            assert_eq!(system.stand(&mut x), Standing::Stands);
+            let y = outputs(&system, &x, &u);
+            least = least.min(y[system.layout().wheel_output(0, WheelOutput::Load)]);
+        }
+        assert!(least == 0.0 && x[0] > 4.0, "{least} {}", x[0]);
+    }
 }

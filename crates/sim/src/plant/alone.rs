@@ -1,5 +1,5 @@
 //! Levels that go one trial at a time, as the plant sees them, behind a table of functions: wheels that
-//! slip, and all levels on uneven ground. Lanes have none of them, and what no one makes is not compiled.
+//! slip, also on springs, and all levels on uneven ground. Lanes have none of them, and what no one makes is not compiled.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -9,12 +9,13 @@ use appell_model::following::{Following, Planar};
 use appell_model::ground::Ground;
 use appell_model::integrate::observe;
 use appell_model::kinematic::Kinematic;
-use appell_model::planar::Vec2;
+use appell_model::planar::{Vec2, vec2};
 use appell_model::platform::Platform;
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_model::slip::{Implicit, Loads, Patch, SLIP_OUTPUTS, Slip, SlipError};
 use appell_model::stance::{Footing, FootingError, Standing};
+use appell_model::suspension::Suspension;
 use appell_model::terrain::Terrain;
 use appell_model::tire::Tire;
 
@@ -57,6 +58,10 @@ pub(super) trait Alone<T: Scalar>: Send {
     fn outputs(&self) -> usize;
     /// Where the outputs of contacts begin, where wheels slip.
     fn contacts(&self) -> Option<usize>;
+    /// Where those of springs begin, if there are some.
+    fn travel(&self) -> Option<usize> {
+        None
+    }
     /// Renews height, roll and pitch, or says what keeps it from standing.
     fn rest(&self, x: &mut [T]) -> Result<(), String>;
     /// Advances by steps of the physics, or says what is in the way.
@@ -84,6 +89,8 @@ pub struct Contacts<T> {
     pub patches: Vec<Patch<T>>,
     /// Heights of the ground, where it is uneven.
     pub relief: Option<Arc<Terrain>>,
+    /// What the wheels carry the body on, if not stiffly.
+    pub springs: Option<Suspension<T>>,
 }
 
 /// Joins a platform, contacts and an even ground at level `slip`.
@@ -95,23 +102,24 @@ pub(super) fn sliding<T: Scalar>(
     Ok(Box::new(Skidding::new(platform, contacts, ground)?))
 }
 
-/// Joins a platform, contacts and an uneven ground under a gravity, m/s², at any level; `None` for
-/// numbers that are not plain.
-pub(super) fn uneven<T: Scalar>(
+/// Joins a platform and contacts with a footing: an uneven ground at any level, springs under slipping
+/// wheels on any ground; `None` for numbers that are not plain.
+pub(super) fn on_footing<T: Scalar>(
     platform: &Platform<T>,
     contacts: &Contacts<T>,
-    gravity: T,
+    ground: &Ground<T>,
     level: Level,
     numerics: Numerics,
     angles: &[f64],
 ) -> Option<Result<Box<dyn Alone<T>>, PlantError>> {
-    let relief = contacts.relief.as_ref()?;
     let (platform, contacts): (&dyn Any, &dyn Any) = (platform, contacts);
-    let made = on_relief(
+    let made = stood(
         platform.downcast_ref()?,
         contacts.downcast_ref()?,
-        relief,
-        gravity.lane(0),
+        Ground {
+            gravity: vec2(ground.gravity.x.lane(0), ground.gravity.y.lane(0)),
+            gravity_normal: ground.gravity_normal.lane(0),
+        },
         level,
         numerics,
         angles,
@@ -123,26 +131,38 @@ pub(super) fn uneven<T: Scalar>(
     }
 }
 
-fn on_relief(
+fn stood(
     platform: &Platform<f64>,
     contacts: &Contacts<f64>,
-    relief: &Terrain,
-    gravity: f64,
+    ground: Ground<f64>,
     level: Level,
     numerics: Numerics,
     angles: &[f64],
 ) -> Result<Box<dyn Alone<f64>>, PlantError> {
-    let footing = Footing::new(platform, relief.clone(), gravity).map_err(|error| PlantError {
+    let what = if contacts.relief.is_some() {
+        "uneven ground"
+    } else {
+        "a suspension"
+    };
+    let relief = contacts.relief.as_deref().cloned().unwrap_or_default();
+    let footing = Footing::new(platform, relief, ground.gravity_normal);
+    let mut footing = footing.map_err(|error| PlantError {
         field: "platform",
         problem: match error {
-            FootingError::Unsupported => "must have three or more wheels that carry it, with the center of mass between them: on uneven ground it has no height otherwise".into(),
-            FootingError::Trailer(_) => {
-                "must have no trailer: uneven ground knows none".into()
-            }
+            FootingError::Unsupported => format!("must have three or more wheels that carry it, with the center of mass between them: on {what} it has no height otherwise"),
+            FootingError::Trailer(_) => format!("must have no trailer: {what} knows none"),
         },
-        hint: "add a caster to its file, or let terrain.kind be \"flat\" or \"plane\"".into(),
+        hint: if contacts.relief.is_some() {
+            "add a caster to its file, or let terrain.kind be \"flat\" or \"plane\"".into()
+        } else {
+            "add a caster to its file, or leave out wheel.suspension".into()
+        },
     })?;
-    let (platform, ground) = (platform.clone(), Ground::flat(gravity));
+    footing = footing.inclined(ground.gravity);
+    if let Some(springs) = &contacts.springs {
+        footing = footing.on_springs(platform, springs);
+    }
+    let (platform, ground) = (platform.clone(), Ground::flat(ground.gravity_normal));
     match level {
         Level::Kinematic => {
             let flat = Kinematic::new(platform).ok_or_else(undetermined)?;
@@ -250,6 +270,10 @@ impl<T: Scalar> Alone<T> for Skidding<T> {
 
     fn contacts(&self) -> Option<usize> {
         Some(self.system.layout().output())
+    }
+
+    fn travel(&self) -> Option<usize> {
+        self.system.travel()
     }
 
     fn rest(&self, x: &mut [T]) -> Result<(), String> {

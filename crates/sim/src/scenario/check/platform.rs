@@ -36,6 +36,7 @@ pub(super) fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str)
     for wheel in &platform.wheel {
         wheel_rules(c, wheel, &path(&format!("wheel.{}", wheel.name)));
     }
+    suspension_rules(c, platform, &path);
     if let Some(trailer) = &platform.trailer {
         trailer_rules(c, trailer, platform, &path("trailer"));
     }
@@ -53,6 +54,62 @@ pub(super) fn platform_rules(c: &mut Checker, platform: &Platform, prefix: &str)
             "link the steered wheels (steering kind \"linked\" or \"guided\"), or let some swivel",
         ),
         Ok(_) => {}
+    }
+}
+
+/// Springs under all wheels or none, and the inertias that they need.
+fn suspension_rules(c: &mut Checker, platform: &Platform, path: &dyn Fn(&str) -> String) {
+    let body = &platform.body;
+    let inertias = [
+        ("body.roll_inertia_com", body.roll_inertia_com),
+        ("body.pitch_inertia_com", body.pitch_inertia_com),
+    ];
+    for (field, inertia) in inertias {
+        if let Some(inertia) = inertia {
+            c.positive(path(field), inertia);
+        }
+    }
+    let Some(sprung) = platform.wheel.iter().find(|w| w.suspension.is_some()) else {
+        return;
+    };
+    for wheel in platform.wheel.iter().filter(|w| w.suspension.is_none()) {
+        c.refuse(
+            path(&format!("wheel.{}.suspension", wheel.name)),
+            format!("must be given, for wheel {} has one", sprung.name),
+            "either all wheels of a robot are on springs or none is; a hard one has a large stiffness",
+        );
+    }
+    for (field, inertia) in inertias {
+        if inertia.is_none() {
+            c.refuse(
+                path(field),
+                "must be given for a robot with a suspension",
+                "of a box of width b and height h, rolling: m (b² + h²) / 12; pitching with its length in place of b",
+            );
+        }
+    }
+    if platform.trailer.is_some() {
+        c.refuse(
+            path("trailer"),
+            "must be left out with a suspension: level \"slip\", which has springs, knows no trailer",
+            "leave out wheel.suspension",
+        );
+    }
+    if let (Some(roll), Some(pitch)) = (body.roll_inertia_com, body.pitch_inertia_com) {
+        let yaw = body.inertia_com;
+        for (field, one, others) in [
+            ("body.roll_inertia_com", roll, pitch + yaw),
+            ("body.pitch_inertia_com", pitch, roll + yaw),
+            ("body.inertia_com", yaw, roll + pitch),
+        ] {
+            c.require(
+                // Rounded figures of a flat body may miss it by as much.
+                one <= others * 1.01,
+                path(field),
+                "at most the sum of the two other inertias of the body, as of every rigid body",
+                number(one),
+            );
+        }
     }
 }
 
@@ -260,6 +317,10 @@ fn wheel_rules(c: &mut Checker, wheel: &Wheel, base: &str) {
         c.not_negative(path(field), value);
     }
     tire_rules(c, &wheel.tire, &path("tire"));
+    if let Some(suspension) = &wheel.suspension {
+        c.positive(path("suspension.stiffness"), suspension.stiffness);
+        c.not_negative(path("suspension.damping"), suspension.damping);
+    }
     match &wheel.steering {
         &Steering::Fixed { angle_deg } => c.finite(path("steering.angle_deg"), angle_deg),
         Steering::Steered {
