@@ -287,6 +287,10 @@ pub struct CompareOptions {
     /// Distance, m, beyond which one level has left another.
     #[arg(long, default_value_t = 0.01)]
     pub beyond: f64,
+    /// Also drive at level slip with all tires 1, 2, 4, … times as stiff, up to this: how fast the distance
+    /// from rolling falls.
+    #[arg(long, value_name = "FACTOR")]
+    pub stiffen: Option<f64>,
     /// Drives at levels rolling and slip, separated by commas [default: torque, and dc-motor where the robots
     /// have motors].
     #[arg(long, value_delimiter = ',')]

@@ -1,6 +1,6 @@
 //! `appell compare`.
 
-use appell_sim::compare::{Entry, block, divergence, drives, parting};
+use appell_sim::compare::{Convergence, Entry, block, divergence, drives, parting, stiffened};
 use appell_sim::record::Memory;
 use appell_sim::report::{self, Press};
 use appell_sim::run::Run;
@@ -78,6 +78,11 @@ pub fn compare(options: &CompareOptions) -> u8 {
         terminal::error("--levels: must name at least one level");
         return exit::BAD_INPUT;
     };
+    let stiffer = match options.stiffen.map(|most| stiffen(options, &drives, most)) {
+        None => None,
+        Some(Ok(convergence)) => Some(convergence),
+        Some(Err(code)) => return code,
+    };
     let folder = folder_or(
         options.out.as_ref(),
         &format!(
@@ -86,17 +91,27 @@ pub fn compare(options: &CompareOptions) -> u8 {
         ),
     );
     terminal::print(&table(&entries, options.beyond));
+    if let Some(convergence) = &stiffer {
+        terminal::print(&falls(convergence));
+    }
     let mut data = report::data(&last.recording, &last.summary);
     data["comparison"] = block(&entries);
     let drawn = Press::new().and_then(|press| {
         let page = press.page(&data)?;
         let svg = press.plots(&apart(&entries), &json!([apart_plot(&entries)]), &json!({}))?;
         let png = report::png(&svg, 2.0)?;
-        Ok([
+        let mut files = vec![
             ("report.html", page.into_bytes()),
             ("divergence.svg", svg.into_bytes()),
             ("divergence.png", png),
-        ])
+        ];
+        if let Some(convergence) = &stiffer {
+            let title = format!("{}: slip towards rolling", last.summary.scenario);
+            let svg = press.convergence(&convergence.drawing(&title))?;
+            files.push(("convergence.png", report::png(&svg, 2.0)?));
+            files.push(("convergence.svg", svg.into_bytes()));
+        }
+        Ok(files)
     });
     let files = match drawn {
         Ok(files) => files,
@@ -119,6 +134,79 @@ pub fn compare(options: &CompareOptions) -> u8 {
         .iter()
         .any(|entry| entry.summary.verdict == appell_sim::run::Outcome::Failed);
     if failed { exit::FAILED } else { exit::PASSED }
+}
+
+/// Drives at level slip with ever stiffer tires, and says how far from rolling.
+fn stiffen(options: &CompareOptions, drives: &[String], most: f64) -> Result<Convergence, u8> {
+    if !(2.0..=1e6).contains(&most) {
+        terminal::error(&format!("--stiffen: must be in [2, 1e6], got {most}"));
+        return Err(exit::BAD_INPUT);
+    }
+    let refuse = |problem: String| {
+        terminal::error(&problem);
+        exit::BAD_INPUT
+    };
+    let loaded = |level: &str| {
+        let changes = Changes {
+            level: Some(level.to_owned()),
+            drive: drives.first().cloned(),
+            integrator: options.integrator.clone(),
+            seed: options.seed,
+            set: options.set.clone(),
+        };
+        let overrides = changes.overrides().map_err(refuse)?;
+        scenario::load(&options.scenario, &overrides).map_err(|d| refuse(d.to_string()))
+    };
+    let drive = |loaded: &scenario::Loaded| {
+        let mut run = Run::new(loaded, 0).map_err(|d| refuse(d.to_string()))?;
+        let mut memory = Memory::new();
+        let summary = run.execute(&mut memory, &mut |_| {}).map_err(|error| {
+            terminal::error(&error.to_string());
+            exit::FAILED
+        })?;
+        Ok::<_, u8>(Entry {
+            label: String::new(),
+            recording: memory.into_recording(),
+            summary,
+        })
+    };
+    let reference = drive(&loaded("rolling")?)?;
+    let slips = loaded("slip")?;
+    let mut points = Vec::new();
+    let mut factor = 1.0;
+    let mut stiffer = slips.clone();
+    while factor <= most {
+        stiffer.scenario = stiffened(&slips.scenario, factor);
+        let apart = divergence(&drive(&stiffer)?, &reference);
+        points.push((factor, apart.largest().0));
+        factor *= 2.0;
+    }
+    Ok(Convergence { points })
+}
+
+/// The distances as a table, with the order from each to the next.
+fn falls(convergence: &Convergence) -> String {
+    let mut text = format!(
+        "\n{:>14} {:>14} {:>8}\n",
+        "tires stiffer", "from rolling, m", "order"
+    );
+    let mut orders = convergence.orders().into_iter();
+    for (k, (factor, distance)) in convergence.points.iter().enumerate() {
+        let order = if k == 0 { None } else { orders.next() };
+        let order = order.map_or(String::new(), |order| format!("{order:.2}"));
+        text.push_str(&format!("{:>13}× {distance:>14.3e} {order:>8}\n", factor));
+    }
+    text.push_str(&format!(
+        "the distance falls by order {:.2}",
+        convergence.order()
+    ));
+    if convergence.orders().last().is_some_and(|&last| last < 0.5) {
+        text.push_str(
+            "\nit does not go to zero: more than tires keeps them apart; at level slip the servo is softer \
+             where driven wheels are light, and casters draw no force",
+        );
+    }
+    text
 }
 
 fn signal(k: usize) -> String {

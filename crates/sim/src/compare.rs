@@ -1,11 +1,12 @@
 //! Several runs of one task side by side: where they part, and what each needed.
 
 use appell_model::math::hypot;
+use appell_model::scalar::Scalar;
 use serde_json::{Map, Value, json};
 
 use crate::record::Recording;
 use crate::run::{Outcome, Summary};
-use crate::scenario::{Drive, Scenario};
+use crate::scenario::{Drive, Scenario, Tire};
 
 /// One of the runs compared.
 pub struct Entry {
@@ -72,6 +73,60 @@ pub fn divergence(entry: &Entry, reference: &Entry) -> Divergence {
         distances: (0..shared)
             .map(|k| hypot(x[k] - rx[k], y[k] - ry[k]))
             .collect(),
+    }
+}
+
+/// A scenario with the tires of all robots stiffer by a factor: what they give is that much less.
+pub fn stiffened(scenario: &Scenario, factor: f64) -> Scenario {
+    let mut stiffer = scenario.clone();
+    let platforms = stiffer.robot.iter_mut().filter_map(|r| r.platform.as_mut());
+    for wheel in platforms.flat_map(|platform| &mut platform.wheel) {
+        match &mut wheel.tire {
+            Tire::Coulomb { rounding, .. } => *rounding /= factor,
+            Tire::Lugre { stiffness, .. }
+            | Tire::Brush { stiffness, .. }
+            | Tire::MagicFormula { stiffness, .. }
+            | Tire::Linear { stiffness, .. } => *stiffness *= factor,
+        }
+    }
+    stiffer
+}
+
+/// How the distance of a run from another falls with stiffness.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Convergence {
+    /// Factors of stiffness, rising, and the largest distance at each, m.
+    pub points: Vec<(f64, f64)>,
+}
+
+impl Convergence {
+    /// By which power the distance falls from each point to the next.
+    pub fn orders(&self) -> Vec<f64> {
+        let fall = |w: &[(f64, f64)]| Scalar::ln(w[0].1 / w[1].1) / Scalar::ln(w[1].0 / w[0].0);
+        self.points.windows(2).map(fall).collect()
+    }
+
+    /// Of all points: the slope of the line through their logarithms, by least squares.
+    pub fn order(&self) -> f64 {
+        let logs = || {
+            self.points
+                .iter()
+                .map(|&(f, d)| (Scalar::ln(f), Scalar::ln(d)))
+        };
+        let count = self.points.len() as f64;
+        let sum = logs().fold((0.0, 0.0), |sum, (f, d): (f64, f64)| (sum.0 + f, sum.1 + d));
+        let (x, y) = (sum.0 / count, sum.1 / count);
+        let (mut over, mut under) = (0.0, 0.0);
+        for (f, d) in logs() {
+            over += (f - x) * (d - y);
+            under += (f - x) * (f - x);
+        }
+        -over / under
+    }
+
+    /// As the picture takes it.
+    pub fn drawing(&self, title: &str) -> Value {
+        json!({"title": title, "points": self.points, "order": self.order()})
     }
 }
 

@@ -115,6 +115,11 @@ impl Press {
         self.call("renderFigures", &[data])
     }
 
+    /// How a distance falls with stiffness, as a complete SVG document.
+    pub fn convergence(&self, data: &Value) -> Result<String, ReportError> {
+        self.call("renderConvergence", &[data])
+    }
+
     /// Maps of the order of waves, as a complete SVG document.
     pub fn orders(&self, data: &Value) -> Result<String, ReportError> {
         self.call("renderOrders", &[data])

@@ -36,6 +36,37 @@ export function renderFigures(data) {
   return standalone(svg, width, 48 + bottom + margin, data.title);
 }
 
+/**
+ * How a distance falls with stiffness, both by their logarithms, beside the line of the first power.
+ * @param {{ title: string, points: [number, number][], order: number }} data
+ */
+export function renderConvergence(data) {
+  const frame = { left: 84, right: 600, top: 76, bottom: 396 };
+  const decades = data.points.map(point => Math.log10(point[1]));
+  const low = Math.floor(Math.min(...decades) - 0.15);
+  const high = Math.ceil(Math.max(...decades) + 0.15);
+  const most = Math.log2(data.points[data.points.length - 1][0]);
+  const x = (/** @type {number} */ factor) => frame.left + (Math.log2(factor) + 0.3) / (most + 0.6) * (frame.right - frame.left);
+  const y = (/** @type {number} */ distance) => frame.bottom - (Math.log10(distance) - low) / (high - low) * (frame.bottom - frame.top);
+  let svg = label(24, 34, data.title, 'title');
+  svg += `<text x="${frame.left}" y="${frame.top - 12}"><tspan class="bold">largest distance from rolling</tspan><tspan class="note f-ink2">, m</tspan></text>`;
+  for (let power = low; power <= high; power++) {
+    const at = y(Math.pow(10, power));
+    svg += `<path d="M${frame.left} ${px(at)}H${frame.right}" class="grid"/>` + label(frame.left - 8, at + 4, plain(Number(Math.pow(10, power).toPrecision(1))), 'tick', 'end');
+  }
+  for (const [factor] of data.points) svg += `<path d="M${px(x(factor))} ${frame.top}V${frame.bottom}" class="grid"/>` + label(x(factor), frame.bottom + 18, `${plain(factor)}×`, 'tick', 'middle');
+  svg += label((frame.left + frame.right) / 2, frame.bottom + 38, 'stiffness of all tires', 'tick', 'middle');
+  // The first power, through the last point.
+  const [end, least] = data.points[data.points.length - 1];
+  const first = Math.min(least * end, Math.pow(10, high));
+  svg += `<path d="M${px(x(least * end / first))} ${px(y(first))}L${px(x(end))} ${px(y(least))}" class="chord" stroke-dasharray="6 4"/>`;
+  svg += `<path d="M${data.points.map(([factor, distance]) => `${px(x(factor))} ${px(y(distance))}`).join('L')}" class="line blue"/>`;
+  for (const [factor, distance] of data.points) svg += `<circle cx="${px(x(factor))}" cy="${px(y(distance))}" r="4" class="f-blue"/>`;
+  svg += label(frame.right - 12, frame.top + 22, `order ${data.order.toFixed(2)}`, 'bold', 'end') + label(frame.right - 12, frame.top + 42, 'dashed: the first power', 'note', 'end');
+  svg += `<rect x="${frame.left}" y="${frame.top}" width="${frame.right - frame.left}" height="${frame.bottom - frame.top}" class="frame"/>`;
+  return standalone(svg, 640, frame.bottom + 56, data.title);
+}
+
 /** Kinds of order: key, class of the fill, opacity, words. */
 const KINDS = /** @type {[string, string, number, string][]} */ ([
   ['impulses', 'f-sky', 0.3, 'square > sine > triangle'],
