@@ -1,4 +1,4 @@
-//! The studies of the wheel-legged robot through the program: files, answers, refusals.
+//! Studies through the program: the wheel-legged robot, slip towards rolling; files, answers, refusals.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -144,4 +144,40 @@ fn refusal_of_bad_options() {
         assert!(text.contains(words), "{arguments:?}: {text}");
         assert!(!out.exists());
     }
+}
+
+/// Ever stiffer tires come to rolling by the first power, in closed loop; a robot on springs leaves the ground.
+#[test]
+fn order_slip_towards_rolling() {
+    let out = scratch("stiffen");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let scenario = |name: &str| root.join("scenarios").join(name).display().to_string();
+    let eight = scenario("eight.toml");
+    let mut words = vec!["compare", &eight, "--levels", "rolling,slip", "--drives"];
+    words.extend(["torque", "--stiffen", "8"]);
+    let output = appell(&words, &out);
+    let text = String::from_utf8_lossy(&output.stdout);
+    let order = text.lines().find_map(|line| {
+        line.strip_prefix("the distance falls by order ")?
+            .parse::<f64>()
+            .ok()
+    });
+    assert!(order.is_some_and(|o| (0.95..1.05).contains(&o)), "{text}");
+    assert!(out.join("convergence.svg").is_file());
+    words[6] = "--stiffen=nan";
+    words.truncate(7);
+    let output = appell(&words, &out);
+    assert_eq!(output.status.code(), Some(2));
+    let jump = scenario("jump.toml");
+    let output = appell(&["run", &jump, "--record", "csv", "--no-report"], &out);
+    assert!(output.status.success());
+    let rows = std::fs::read_to_string(out.join("recording.csv")).expect("written");
+    let mut rows = rows.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = rows.next().expect("a header");
+    let loads: Vec<usize> = (0..header.len())
+        .filter(|&k| header[k].ends_with(".load"))
+        .collect();
+    let flew = rows.filter(|row| loads.iter().all(|&k| row[k].parse() == Ok(0.0)));
+    assert_eq!(loads.len(), 4);
+    assert!(flew.count() >= 3, "it leaves the ground at the crest");
 }

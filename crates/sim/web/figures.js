@@ -36,6 +36,11 @@ export function renderFigures(data) {
   return standalone(svg, width, 48 + bottom + margin, data.title);
 }
 
+/** A power of ten in words. @param {number} power */
+function tenTo(power) {
+  return '10' + [...String(power)].map(digit => digit === '-' ? '⁻' : '⁰¹²³⁴⁵⁶⁷⁸⁹'[Number(digit)]).join('');
+}
+
 /**
  * How a distance falls with stiffness, both by their logarithms, beside the line of the first power.
  * @param {{ title: string, points: [number, number][], order: number }} data
@@ -52,7 +57,7 @@ export function renderConvergence(data) {
   svg += `<text x="${frame.left}" y="${frame.top - 12}"><tspan class="bold">largest distance from rolling</tspan><tspan class="note f-ink2">, m</tspan></text>`;
   for (let power = low; power <= high; power++) {
     const at = y(Math.pow(10, power));
-    svg += `<path d="M${frame.left} ${px(at)}H${frame.right}" class="grid"/>` + label(frame.left - 8, at + 4, plain(Number(Math.pow(10, power).toPrecision(1))), 'tick', 'end');
+    svg += `<path d="M${frame.left} ${px(at)}H${frame.right}" class="grid"/>` + label(frame.left - 8, at + 4, tenTo(power), 'tick', 'end');
   }
   for (const [factor] of data.points) svg += `<path d="M${px(x(factor))} ${frame.top}V${frame.bottom}" class="grid"/>` + label(x(factor), frame.bottom + 18, `${plain(factor)}×`, 'tick', 'middle');
   svg += label((frame.left + frame.right) / 2, frame.bottom + 38, 'stiffness of all tires', 'tick', 'middle');
@@ -60,7 +65,6 @@ export function renderConvergence(data) {
   const [end, least] = data.points[data.points.length - 1];
   const first = Math.min(least * end, Math.pow(10, high));
   svg += `<path d="M${px(x(least * end / first))} ${px(y(first))}L${px(x(end))} ${px(y(least))}" class="chord" stroke-dasharray="6 4"/>`;
-  svg += `<path d="M${data.points.map(([factor, distance]) => `${px(x(factor))} ${px(y(distance))}`).join('L')}" class="line blue"/>`;
   for (const [factor, distance] of data.points) svg += `<circle cx="${px(x(factor))}" cy="${px(y(distance))}" r="4" class="f-blue"/>`;
   svg += label(frame.right - 12, frame.top + 22, `order ${data.order.toFixed(2)}`, 'bold', 'end') + label(frame.right - 12, frame.top + 42, 'dashed: the first power', 'note', 'end');
   svg += `<rect x="${frame.left}" y="${frame.top}" width="${frame.right - frame.left}" height="${frame.bottom - frame.top}" class="frame"/>`;
