@@ -480,6 +480,20 @@ pub enum Sensor {
         #[serde(default)]
         bearing_std: f64,
     },
+    /// An inertial unit at the robot's origin: `sensor.imu.yaw_rate`, and what its accelerometers feel, the
+    /// ground's push against gravity included: `.forward`, `.left`, `.up`, of a change of velocity the mean over
+    /// the last period.
+    Imu {
+        /// Period, s.
+        period: f64,
+        /// Noise density of the gyroscope, rad/s/√Hz: the standard deviation of a reading is this over the
+        /// root of the period.
+        #[serde(default)]
+        gyro_noise_density: f64,
+        /// Noise density of each accelerometer, m/s²/√Hz.
+        #[serde(default)]
+        accel_noise_density: f64,
+    },
 }
 
 /// How odometry sums the way of a period.

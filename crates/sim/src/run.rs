@@ -335,7 +335,7 @@ pub(crate) fn assemble<T: Scalar>(
                     sensor,
                     &robot.name,
                     &platform,
-                    &layout.beacons,
+                    (&layout.beacons, ground),
                     pose,
                     key,
                     values,
@@ -772,6 +772,7 @@ fn sensor_period(sensor: &Sensor) -> f64 {
         | Sensor::Encoder { period, .. }
         | Sensor::Odometry { period, .. }
         | Sensor::Motion { period, .. }
+        | Sensor::Imu { period, .. }
         | Sensor::RangeBearing { period, .. } => *period,
     }
 }

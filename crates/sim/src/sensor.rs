@@ -1,5 +1,6 @@
 //! Sensors: what a robot knows of its pose, its wheels and the beacons.
 
+use appell_model::ground::Ground;
 use appell_model::kinematic::along_arc;
 use appell_model::lanewise;
 use appell_model::lanewise::Lanewise;
@@ -22,12 +23,12 @@ fn port(path: String, unit: &str) -> Port {
     }
 }
 
-/// Builds the block of a sensor of robot `name`.
+/// Builds the block of a sensor of robot `name`, among beacons and under gravity.
 pub fn build<T: Scalar>(
     sensor: &Sensor,
     name: &str,
     platform: &Platform<T>,
-    beacons: &[Beacon],
+    (beacons, ground): (&[Beacon], Ground<T>),
     start: [T; 3],
     key: (u64, u64),
     values: &Values<'_, T>,
@@ -183,6 +184,45 @@ pub fn build<T: Scalar>(
                 last: vec![[T::zero(); 2]; beacons.len()],
             };
             Box::new(Wired::new(pose(), outputs, kernel))
+        }
+        Sensor::Imu {
+            period,
+            gyro_noise_density,
+            accel_noise_density,
+        } => {
+            let of = |(what, unit): (&str, &str)| port(format!("{robot}.{what}"), unit);
+            let inputs = [
+                ("pose.yaw", "rad"),
+                ("twist.forward", "m/s"),
+                ("twist.left", "m/s"),
+                ("twist.yaw_rate", "rad/s"),
+            ];
+            let outputs = [
+                ("sensor.imu.yaw_rate", "rad/s"),
+                ("sensor.imu.forward", "m/s²"),
+                ("sensor.imu.left", "m/s²"),
+                ("sensor.imu.up", "m/s²"),
+            ]
+            .map(of)
+            .to_vec();
+            let std = |key: &str, density: f64| {
+                let density = values.at(format_args!("{robot}.sensor.imu.{key}"), density);
+                density / T::from(period.sqrt())
+            };
+            let accel = std("accel_noise_density", *accel_noise_density);
+            let kernel = Imu {
+                streams: outputs.iter().map(|p| streams(&p.path)).collect(),
+                period: T::from(*period),
+                std: [
+                    std("gyro_noise_density", *gyro_noise_density),
+                    accel,
+                    accel,
+                    accel,
+                ],
+                gravity: [ground.gravity.x, ground.gravity.y, ground.gravity_normal],
+                before: [T::zero(); 2],
+            };
+            Box::new(Wired::new(inputs.map(of).to_vec(), outputs, kernel))
         }
     }
 }
@@ -564,5 +604,49 @@ impl<T: Scalar> Kernel<T> for RangeBearing<T> {
             used += restore_numbers(pair, bytes.get(used..)?)?;
         }
         Some(used)
+    }
+}
+
+struct Imu<T> {
+    streams: Vec<Streams>,
+    period: T,
+    /// Of yaw rate and of accelerations forward, left and up.
+    std: [T; 4],
+    /// In the plane of the arena, and along its normal, m/s².
+    gravity: [T; 3],
+    /// Velocity forward and left at the last reading, m/s.
+    before: [T; 2],
+}
+
+lanewise!(Imu { streams, period, std, gravity } state { before });
+
+impl<T: Scalar> Kernel<T> for Imu<T> {
+    #[inline(always)]
+    fn act(&mut self, now: &Now<'_, T>, input: &[T], output: &mut [T]) {
+        let [yaw, forward, left, yaw_rate] = [input[0], input[1], input[2], input[3]];
+        // The first reading has no velocity before it.
+        let begun = T::Mask::from_lanes(|lane| now.ticks[lane] > 0);
+        let changed =
+            |velocity: T, before: T| T::select(begun, (velocity - before) / self.period, T::zero());
+        let (sin, cos) = yaw.sin_cos();
+        let pull = vec2(self.gravity[0], self.gravity[1]).rotated(cos, -sin);
+        output[0] = yaw_rate;
+        output[1] = changed(forward, self.before[0]) - yaw_rate * left - pull.x;
+        output[2] = changed(left, self.before[1]) + yaw_rate * forward - pull.y;
+        output[3] = self.gravity[2];
+        self.before = [forward, left];
+        for k in 0..4 {
+            if is_noisy(self.std[k]) {
+                output[k] += self.std[k] * self.streams[k].normals::<T>(now.ticks)[0];
+            }
+        }
+    }
+
+    fn save(&self, bytes: &mut Vec<u8>) {
+        save_numbers(&self.before, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Option<usize> {
+        restore_numbers(&mut self.before, bytes)
     }
 }

@@ -565,3 +565,58 @@ fn invariant_inverse_of_a_recording_gives_its_torques() {
         }
     }
 }
+
+/// An inertial unit on a circle feels the pull to its center, on a slope that of gravity, and noise as dense as it
+/// is told.
+#[test]
+fn closed_form_inertial_unit() {
+    let unit = |noise: &str| format!("[{{ kind = \"imu\", period = 0.01{noise} }}]");
+    let column = |recording: &Recording, robot: &str, what: &str| {
+        let path = format!("robot.{robot}.sensor.imu.{what}");
+        recording.column(&path).expect("recorded").to_vec()
+    };
+    // As motion.toml drives: 0.2 m/s about a point 0.5 m to the left at 8 s.
+    let (recording, _) = execute(&load("motion.toml", &[("robot.bubble.sensor", &unit(""))]));
+    let k = recording.times.partition_point(|&at| at < 8.0 - 1e-9);
+    for (what, expected) in [
+        ("yaw_rate", 0.4),
+        ("forward", 0.0),
+        ("left", 0.2 * 0.4),
+        ("up", 9.81),
+    ] {
+        let got = column(&recording, "bubble", what)[k];
+        assert!((got - expected).abs() < 1e-9, "{what}: {got}");
+    }
+    // Parked on 10°, its nose uphill: what it feels points up, ahead and above.
+    let noise = ", gyro_noise_density = 0.002, accel_noise_density = 0.03";
+    let (recording, _) = execute(&load(
+        "parked.toml",
+        &[
+            ("robot.cart.sensor", &unit(noise)),
+            ("time.duration", "40.0"),
+        ],
+    ));
+    let (sin, cos) = (0.17364817766693033, 0.984807753012208);
+    for (what, mean, density) in [
+        ("yaw_rate", 0.0, 0.002),
+        ("forward", 9.81 * sin, 0.03),
+        ("left", 0.0, 0.03),
+        ("up", 9.81 * cos, 0.03),
+    ] {
+        let values = column(&recording, "cart", what);
+        let n = values.len() as f64;
+        assert!(n >= 4000.0, "{n}");
+        let std = density / 0.1;
+        let average = values.iter().sum::<f64>() / n;
+        assert!(
+            (average - mean).abs() < 3.0 * std / n.sqrt(),
+            "{what}: {average} must be {mean}"
+        );
+        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n;
+        let share = variance / (std * std);
+        assert!(
+            (share - 1.0).abs() < 3.0 * (2.0 / n).sqrt(),
+            "{what}: {share}"
+        );
+    }
+}

@@ -373,6 +373,7 @@ fn invariant_lanes_have_the_bits_of_single_runs() {
     let noisy = "[{ kind = \"pose\", period = 0.02, position_std = 0.01, yaw_std = 0.005 }]";
     let beacons =
         "[{ kind = \"range-bearing\", period = 0.05, range_max = 2.5, range_std = 0.01 }]";
+    let inertial = "[{ kind = \"imu\", period = 0.02, gyro_noise_density = 0.01, accel_noise_density = 0.02 }]";
     let cases: &[(&str, &[(&str, &str)])] = &[
         ("slalom.toml", &[]),
         ("slalom.toml", &[("robot.tri.level", "kinematic")]),
@@ -386,6 +387,7 @@ fn invariant_lanes_have_the_bits_of_single_runs() {
         ("noisy.toml", &[]),
         ("gate.toml", &[("robot.*.sensor", beacons)]),
         ("eight.toml", &[("robot.*.sensor", noisy)]),
+        ("slope.toml", &[("robot.*.sensor", inertial)]),
         ("slope.toml", &[]),
         ("coast.toml", &[]),
         ("parked.toml", &[]),

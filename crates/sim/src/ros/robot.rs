@@ -58,6 +58,16 @@ struct SeenBeacon {
     columns: [usize; 3],
 }
 
+/// An inertial unit among the sensors: its readings, their variances, and when they come.
+struct Inertial {
+    /// Yaw rate, and accelerations forward, left and up.
+    columns: [usize; 4],
+    /// Of the yaw rate, (rad/s)², and of an acceleration, (m/s²)².
+    variance: [f64; 2],
+    period: f64,
+    next: f64,
+}
+
 struct Topics {
     odom: usize,
     joint_states: usize,
@@ -99,6 +109,7 @@ pub(super) struct Talk {
     look: (f64, f64),
     /// Standard deviations of range and bearing.
     beacon_std: [f64; 2],
+    inertial: Option<Inertial>,
     /// Gravity along the normal of the ground, and down its slope in the arena, m/s².
     gravity: (f64, [f64; 2]),
     /// Time and velocities of the row before.
@@ -313,7 +324,23 @@ impl Talk {
         let mut beacon_std = [0.0; 2];
         let mut look = 0.0;
         let mut beacons = Vec::new();
+        let mut inertial = None;
         for sensor in &robot.sensor {
+            if let Sensor::Imu {
+                period,
+                gyro_noise_density,
+                accel_noise_density,
+            } = sensor
+            {
+                inertial = Some(Inertial {
+                    columns: ["yaw_rate", "forward", "left", "up"]
+                        .map(|what| at(&format!("sensor.imu.{what}"))),
+                    variance: [gyro_noise_density, accel_noise_density]
+                        .map(|density| density * density / period),
+                    period: *period,
+                    next: 0.0,
+                });
+            }
             if let Sensor::RangeBearing {
                 period,
                 range_std,
@@ -391,6 +418,7 @@ impl Talk {
             beacons,
             look: (look, 0.0),
             beacon_std,
+            inertial,
             gravity: (normal, downhill),
             before: None,
         }
@@ -586,8 +614,13 @@ impl Talk {
         };
         say(self.topics.truth, Message::Odometry(Box::new(odometry)))?;
 
-        let imu = Message::Imu(Box::new(self.imu(t, truth[2], twist)));
-        say(self.topics.imu, imu)?;
+        let imu = match &self.inertial {
+            Some(_) => self.measured(t, row),
+            None => Some(self.imu(t, truth[2], twist)),
+        };
+        if let Some(imu) = imu {
+            say(self.topics.imu, Message::Imu(Box::new(imu)))?;
+        }
         if let Some(topic) = self.topics.beacons
             && t > self.look.1 - 1e-6 * self.look.0
         {
@@ -603,6 +636,34 @@ impl Talk {
             say(self.topics.cmd_vel_stamped, stamped)?;
         }
         Ok(())
+    }
+
+    /// What the inertial unit among the sensors has read, if it has. It knows of no orientation.
+    fn measured(&mut self, t: f64, row: &[f64]) -> Option<Imu> {
+        let header = self.header(Time::of(t), "base_link");
+        let unit = self.inertial.as_mut()?;
+        if t <= unit.next - 1e-6 * unit.period {
+            return None;
+        }
+        unit.next = t + unit.period;
+        let [yaw_rate, x, y, z] = unit.columns.map(|column| row[column]);
+        let [gyro, accel] = unit.variance.map(|variance| variance.max(KNOWN));
+        let diagonal = |xy: f64, z: f64| [xy, 0.0, 0.0, 0.0, xy, 0.0, 0.0, 0.0, z];
+        let mut unknown = [0.0; 9];
+        unknown[0] = -1.0;
+        Some(Imu {
+            header,
+            orientation: Quaternion::default(),
+            orientation_covariance: unknown,
+            angular_velocity: Vector3 {
+                x: 0.0,
+                y: 0.0,
+                z: yaw_rate,
+            },
+            angular_velocity_covariance: diagonal(KNOWN, gyro),
+            linear_acceleration: Vector3 { x, y, z },
+            linear_acceleration_covariance: diagonal(accel, accel),
+        })
     }
 
     /// What an ideal inertial unit at the robot's origin measures. Accelerations are those since the row before.

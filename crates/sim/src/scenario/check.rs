@@ -532,6 +532,7 @@ fn sensor_kind(sensor: &Sensor) -> &'static str {
         Sensor::Odometry { .. } => "odometry",
         Sensor::Motion { .. } => "motion",
         Sensor::RangeBearing { .. } => "range-bearing",
+        Sensor::Imu { .. } => "imu",
     }
 }
 
@@ -599,6 +600,15 @@ fn check_sensor(c: &mut Checker, sensor: &Sensor, base: &str, step: f64) {
             );
             c.not_negative(path("range_std"), *range_std);
             c.not_negative(path("bearing_std"), *bearing_std);
+        }
+        Sensor::Imu {
+            period,
+            gyro_noise_density,
+            accel_noise_density,
+        } => {
+            c.period(path("period"), *period, step);
+            c.not_negative(path("gyro_noise_density"), *gyro_noise_density);
+            c.not_negative(path("accel_noise_density"), *accel_noise_density);
         }
     }
 }
