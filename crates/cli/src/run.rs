@@ -5,14 +5,11 @@ use std::path::{Component, Path, PathBuf};
 
 use appell_sim::batch::Crew;
 use appell_sim::crowd::{Crowd, is_crowd};
-use appell_sim::record::{
-    Csv, Event, Header, Mcap, Memory, Parquet, RecordError, Recorder, Recording, Rosbag,
-};
-use appell_sim::report::{self, Press};
+use appell_sim::record::{Csv, Fan, Mcap, Memory, Parquet, RecordError, Recorder, Rosbag};
+use appell_sim::report;
 use appell_sim::run::{Outcome, Run, Summary};
 use appell_sim::scenario::{self, Format, Loaded, Robot, Scenario};
 use appell_sim::world::SimError;
-use serde_json::Value;
 
 use crate::arguments::{RecordFormat, RunOptions};
 use crate::live::Live;
@@ -330,69 +327,16 @@ fn execute(
     let text = serde_json::to_string_pretty(&summary).expect("a summary is plain data");
     write("summary.json", (text + "\n").as_bytes())?;
     if let Some(memory) = recorder.memory {
-        for (name, bytes) in pages(&memory.into_recording(), &summary)? {
+        let pages = report::pages(&memory.into_recording(), &summary);
+        let pages = pages.map_err(|error| Failure {
+            code: exit::INTERNAL,
+            text: error.to_string(),
+        })?;
+        for (name, bytes) in pages {
             write(name, &bytes)?;
         }
     }
     Ok(summary)
-}
-
-/// Report and pictures of a run, by file name.
-fn pages(
-    recording: &Recording,
-    summary: &Summary,
-) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
-    let data = report::data(recording, summary);
-    let draw = || -> Result<_, report::ReportError> {
-        let press = Press::new()?;
-        let svg = press.arena(&data)?;
-        let png = report::png(&svg, 2.0)?;
-        let page = press.page(&data)?;
-        Ok(vec![
-            ("trajectory.svg", svg.into_bytes()),
-            ("trajectory.png", png),
-            ("report.html", page.into_bytes()),
-        ])
-    };
-    draw().map_err(|error| Failure {
-        code: exit::INTERNAL,
-        text: error.to_string(),
-    })
-}
-
-/// Writes to several recorders.
-pub struct Fan {
-    /// Recorders of files.
-    pub files: Vec<Box<dyn Recorder>>,
-    /// What the report is drawn from.
-    pub memory: Option<Memory>,
-}
-
-impl Fan {
-    fn each(
-        &mut self,
-        mut act: impl FnMut(&mut dyn Recorder) -> Result<(), RecordError>,
-    ) -> Result<(), RecordError> {
-        for file in &mut self.files {
-            act(file.as_mut())?;
-        }
-        self.memory.as_mut().map_or(Ok(()), |memory| act(memory))
-    }
-}
-
-impl Recorder for Fan {
-    fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
-        self.each(|recorder| recorder.begin(header))
-    }
-    fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
-        self.each(|recorder| recorder.frame(t, row))
-    }
-    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        self.each(|recorder| recorder.event(event))
-    }
-    fn finish(&mut self, summary: &Value) -> Result<(), RecordError> {
-        self.each(|recorder| recorder.finish(summary))
-    }
 }
 
 /// The folder of a comparison.

@@ -1,13 +1,14 @@
 //! `appell-ros`: a scenario as a node of ROS 2. `appell ros` starts it.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use appell_ros2::drive;
-use appell_ros2::node::{Front, Options};
+use appell_ros2::foxglove::View;
+use appell_ros2::node::{Front, Options, shown};
 use appell_ros2::ros1;
 use appell_ros2::simulator::{Settings, Simulator};
 use appell_sim::scenario::{self, Loaded};
@@ -37,6 +38,9 @@ struct Arguments {
     /// Speak ROS 1 instead, with the master at this address, such as http://localhost:11311.
     #[arg(long, value_name = "MASTER", conflicts_with_all = ["lock_step", "namespace", "paused", "domain"])]
     ros1: Option<String>,
+    /// Show what is said to Foxglove, by a WebSocket at this address [default: 127.0.0.1:8765].
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
+    foxglove: Option<SocketAddr>,
     /// Seconds of simulated time per second; 0 for as fast as can be.
     #[arg(long, default_value_t = 1.0)]
     pace: f64,
@@ -68,6 +72,9 @@ struct Arguments {
     /// Length of the run, s of simulated time [default: no end].
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
+    /// Record into this folder, with a report and a picture of the way at the end.
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
     /// Load libraries that the scenario names as plug-ins into this process.
     #[arg(long)]
     trust_native: bool,
@@ -180,6 +187,7 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
             .filter(|rate| *rate > 0.0)
             .unwrap_or(arguments.rate),
         paused: arguments.paused,
+        foxglove: arguments.foxglove,
     };
     let stop = Arc::new(AtomicBool::new(false));
     let told = stop.clone();
@@ -192,9 +200,18 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
             .map_or("localhost".to_owned(), |address| address.to_string());
         let mut node = ros1::Node::open(master, &host, &arguments.name, &simulator).map_err(bad)?;
         let (pace, duration) = (options.pace, options.duration);
+        let view = options
+            .foxglove
+            .map(|address| View::open(address, shown(&simulator, str::to_owned)));
+        let view = view.transpose().map_err(bad)?;
+        if let Some(folder) = &arguments.out {
+            simulator.record(folder).map_err(|problem| (4, problem))?;
+        }
         println!("listening for cmd_vel by {master}");
-        let done = node.run(&mut simulator, pace, duration, &stop);
-        return done.map_err(|problem| (1, problem));
+        announce(view.as_ref());
+        let done = node.run(&mut simulator, pace, duration, view.as_ref(), &stop);
+        drop(node);
+        return ended(done, &mut simulator);
     }
     let mut front = Front::open(&loaded, &settings, options).map_err(bad)?;
     let robots: Vec<&str> = front.simulator().robots().collect();
@@ -202,5 +219,24 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
         "listening for cmd_vel of {} in domain {domain}",
         robots.join(", ")
     );
-    front.run(&stop).map_err(|problem| (1, problem))
+    announce(front.view());
+    if let Some(folder) = &arguments.out {
+        let recorded = front.simulator_mut().record(folder);
+        recorded.map_err(|problem| (4, problem))?;
+    }
+    let done = front.run(&stop);
+    ended(done, front.simulator_mut())
+}
+
+/// Completes what is recorded, however the run has ended.
+fn ended(done: Result<(), String>, simulator: &mut Simulator) -> Result<(), (u8, String)> {
+    let closed = simulator.close();
+    done.map_err(|problem| (1, problem))?;
+    closed.map_err(|problem| (4, problem))
+}
+
+fn announce(view: Option<&View>) {
+    if let Some(view) = view {
+        println!("shown to Foxglove at ws://{}", view.address());
+    }
 }

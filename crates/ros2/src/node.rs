@@ -1,7 +1,7 @@
 //! A node of ROS 2 over RTPS: topics, services, and the loop that lets the simulation keep step with the clock
 //! or with whoever commands it.
 
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -13,11 +13,13 @@ use ros2_client::dds::rustdds::{DomainParticipant, DomainParticipantBuilder};
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{
     Context, Gid, MessageInfo, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
-    QosProfile, Server, ServiceMapping, ServiceTypeName, Subscription,
+    QosProfile, Subscription,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::simulator::{Settings, Simulator};
+use crate::foxglove::{Shown, View};
+use crate::service::{Done, Flag, Nothing, Service, SetPose, SwitchController};
+use crate::simulator::{Settings, Simulator, offered};
 
 /// How long the loop rests between two looks at what has come.
 const GLANCE: Duration = Duration::from_micros(500);
@@ -51,52 +53,9 @@ pub struct Options {
     pub clock_rate: f64,
     /// Whether it begins at rest.
     pub paused: bool,
+    /// Where those who look on by Foxglove are listened for; none for nowhere.
+    pub foxglove: Option<SocketAddr>,
 }
-
-/// What a request without fields has on the wire.
-#[derive(Clone, Debug, Default, Deserialize, Serialize)]
-struct Nothing {
-    structure_needs_at_least_one_member: u8,
-}
-impl ros2_client::Message for Nothing {}
-
-/// What std_srvs/SetBool asks.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-struct Flag {
-    data: bool,
-}
-impl ros2_client::Message for Flag {}
-
-/// What std_srvs/Trigger and SetBool answer.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-struct Done {
-    success: bool,
-    message: String,
-}
-impl ros2_client::Message for Done {}
-
-impl Done {
-    fn from(result: Result<(), String>) -> Done {
-        Done {
-            success: result.is_ok(),
-            message: result.err().unwrap_or_default(),
-        }
-    }
-}
-
-/// What is heard of geometry_msgs/PoseWithCovarianceStamped: all of it, in its order.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-struct Placed {
-    header: appell_sim::ros::message::Header,
-    pose: appell_sim::ros::message::PoseWithCovariance,
-}
-
-/// What robot_localization/SetPose asks.
-#[derive(Clone, Debug, Deserialize, Serialize)]
-struct SetPose {
-    pose: Placed,
-}
-impl ros2_client::Message for SetPose {}
 
 /// What std_msgs/String says.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -144,7 +103,8 @@ struct Ears {
     stamped: Subscription<TwistStamped>,
     joints: Subscription<JointState>,
     swap: Subscription<Words>,
-    set_pose: Server<SetPose, Nothing>,
+    set_pose: Service<SetPose, Nothing>,
+    switch: Service<SwitchController, Done>,
     /// Twists that wait for their tick, in lock-step.
     waiting: std::collections::VecDeque<([f64; 3], Option<f64>)>,
 }
@@ -156,12 +116,13 @@ pub struct Front {
     publishers: Vec<Publisher<Message>>,
     clock: Publisher<Message>,
     ears: Vec<Ears>,
-    reset: Server<Nothing, Nothing>,
-    pause: Server<Flag, Done>,
-    step: Server<Nothing, Done>,
+    reset: Service<Nothing, Nothing>,
+    pause: Service<Flag, Done>,
+    step: Service<Nothing, Done>,
     is_paused: bool,
     /// Ticks that were asked for while it rests.
     steps: u32,
+    view: Option<View>,
     complaints: std::collections::BTreeMap<&'static str, u32>,
     /// Since when all whom lock-step needs are there.
     met: Option<Instant>,
@@ -186,6 +147,16 @@ fn quality(service: Quality) -> QosProfile {
             .reliability_best_effort()
             .history(History::KeepLast { depth: 1 }),
     }
+}
+
+/// The topics as a live view shows them, by the names that `full` gives them.
+pub fn shown(simulator: &Simulator, full: impl Fn(&str) -> String) -> Vec<Shown> {
+    let topics = simulator.topics().iter().map(|topic| Shown {
+        name: full(&offered(topic)),
+        kind: topic.kind,
+        is_kept: topic.service == Quality::Kept,
+    });
+    topics.collect()
 }
 
 fn type_name(kind: &str) -> MessageTypeName {
@@ -258,17 +229,9 @@ impl Front {
         };
         let mut publishers = Vec::new();
         for topic in simulator.topics() {
-            // What it was told is no news: others say it.
-            let name = match topic.kind {
-                kind::TWIST => format!("{}_out_unstamped", topic.name),
-                kind::TWIST_STAMPED => topic.name.replace("_stamped", "_out"),
-                _ => topic.name.clone(),
-            };
-            let service = match topic.kind {
-                kind::CLOCK => continue,
-                _ => topic.service,
-            };
-            publishers.push(offer(&name, topic.kind, service)?);
+            if topic.kind != kind::CLOCK {
+                publishers.push(offer(&offered(topic), topic.kind, topic.service)?);
+            }
         }
         let clock = offer("/clock", kind::CLOCK, Quality::Clock)?;
 
@@ -298,7 +261,6 @@ impl Front {
             let stamped = hear("cmd_vel", kind::TWIST_STAMPED)?;
             let joints = hear("joint_command", kind::JOINT_STATE)?;
             let swap = hear("controller", WORDS)?;
-            let asked = QosProfile::publisher_default();
             ears.push(Ears {
                 twist: node
                     .create_subscription(&twist, None)
@@ -310,50 +272,30 @@ impl Front {
                     .create_subscription(&joints, None)
                     .map_err(|e| net(&e))?,
                 swap: node.create_subscription(&swap, None).map_err(|e| net(&e))?,
-                set_pose: node
-                    .create_server(
-                        ServiceMapping::Enhanced,
-                        &named(&own("set_pose"))?,
-                        &ServiceTypeName::new("robot_localization", "SetPose"),
-                        asked.clone(),
-                        asked,
-                    )
-                    .map_err(|e| net(&e))?,
+                set_pose: Service::offer(
+                    &mut node,
+                    &named(&own("set_pose"))?,
+                    ("robot_localization", "SetPose"),
+                )?,
+                switch: Service::offer(
+                    &mut node,
+                    &named(&own("controller_manager/switch_controller"))?,
+                    ("controller_manager_msgs", "SwitchController"),
+                )?,
                 waiting: std::collections::VecDeque::new(),
             });
         }
         let service = |name: &str| named(&format!("/{}/{name}", options.name));
-        let asked = || QosProfile::publisher_default().history(History::KeepLast { depth: 10 });
-        let reset = node
-            .create_server(
-                ServiceMapping::Enhanced,
-                &service("reset")?,
-                &ServiceTypeName::new("std_srvs", "Empty"),
-                asked(),
-                asked(),
-            )
-            .map_err(|error| net(&error))?;
-        let pause = node
-            .create_server(
-                ServiceMapping::Enhanced,
-                &service("pause")?,
-                &ServiceTypeName::new("std_srvs", "SetBool"),
-                asked(),
-                asked(),
-            )
-            .map_err(|error| net(&error))?;
-        let step = node
-            .create_server(
-                ServiceMapping::Enhanced,
-                &service("step")?,
-                &ServiceTypeName::new("std_srvs", "Trigger"),
-                asked(),
-                asked(),
-            )
-            .map_err(|error| net(&error))?;
+        let reset = Service::offer(&mut node, &service("reset")?, ("std_srvs", "Empty"))?;
+        let pause = Service::offer(&mut node, &service("pause")?, ("std_srvs", "SetBool"))?;
+        let step = Service::offer(&mut node, &service("step")?, ("std_srvs", "Trigger"))?;
         if options.network.is_none() {
             confine(&before)?;
         }
+        let view = match options.foxglove {
+            None => None,
+            Some(address) => Some(View::open(address, shown(&simulator, full))?),
+        };
         Ok(Front {
             simulator,
             is_paused: options.paused,
@@ -365,6 +307,7 @@ impl Front {
             pause,
             step,
             steps: 0,
+            view,
             complaints: std::collections::BTreeMap::new(),
             met: None,
             writers,
@@ -418,6 +361,10 @@ impl Front {
                     clock: Time::of(now),
                 };
                 let _ = self.clock.publish(Message::Clock(stamp));
+                if let Some(view) = &self.view {
+                    view.tell(stamp.clock);
+                    view.say(0, stamp.clock, &Message::Clock(stamp));
+                }
                 clock_due = f64::max(clock_due + 1.0 / self.options.clock_rate, now);
             }
             said.clear();
@@ -425,6 +372,9 @@ impl Front {
             for (topic, message) in said.drain(..) {
                 // The clock has a pace of its own; a full window loses what is old anyway.
                 if topic > 0 {
+                    if let Some(view) = &self.view {
+                        view.say(topic, Time::of(now), &message);
+                    }
                     let _ = self.publishers[topic - 1].publish(message);
                 }
             }
@@ -433,9 +383,19 @@ impl Front {
         Ok(())
     }
 
+    /// The live view, if there is one.
+    pub fn view(&self) -> Option<&View> {
+        self.view.as_ref()
+    }
+
     /// The simulation.
     pub fn simulator(&self) -> &Simulator {
         &self.simulator
+    }
+
+    /// The simulation, to be recorded.
+    pub fn simulator_mut(&mut self) -> &mut Simulator {
+        &mut self.simulator
     }
 
     /// Whether the next tick has what it waits for. The first has nothing to answer, but somebody to hear it.
@@ -543,30 +503,32 @@ impl Front {
                     Err(problem) => self.complain("controller", &format!("{problem:?}")),
                 }
             }
-            while let Some((id, request)) = received(&self.ears[robot].set_pose) {
-                let pose = planar(&request.pose.pose.pose);
+            while let Some((asker, request)) = self.ears[robot].set_pose.asked() {
+                let pose = planar(&request.pose.pose);
                 if let Err(problem) = self.simulator.place(robot, pose) {
                     self.complain("set_pose", &problem);
                 }
-                let _ = self.ears[robot]
-                    .set_pose
-                    .send_response(id, Nothing::default());
+                self.ears[robot].set_pose.answer(&asker, Nothing::default());
+            }
+            while let Some((asker, request)) = self.ears[robot].switch.asked() {
+                let switched = { request.to() }.and_then(|to| self.simulator.swap(robot, to));
+                self.ears[robot].switch.answer(&asker, switched.into());
             }
         }
-        while let Some((id, _)) = received(&self.reset) {
+        while let Some((asker, _)) = self.reset.asked() {
             if let Err(problem) = self.simulator.reset() {
                 self.complain("reset", &problem);
             }
             for ears in &mut self.ears {
                 ears.waiting.clear();
             }
-            let _ = self.reset.send_response(id, Nothing::default());
+            self.reset.answer(&asker, Nothing::default());
         }
-        while let Some((id, request)) = received(&self.pause) {
+        while let Some((asker, request)) = self.pause.asked() {
             self.is_paused = request.data;
-            let _ = self.pause.send_response(id, Done::from(Ok(())));
+            self.pause.answer(&asker, Ok(()).into());
         }
-        while let Some((id, _)) = received(&self.step) {
+        while let Some((asker, _)) = self.step.asked() {
             let result = match self.is_paused {
                 true => {
                     self.steps += 1;
@@ -574,7 +536,7 @@ impl Front {
                 }
                 false => Err("must be paused to be stepped".to_owned()),
             };
-            let _ = self.step.send_response(id, Done::from(result));
+            self.step.answer(&asker, result.into());
         }
     }
 
@@ -584,22 +546,6 @@ impl Front {
             false => self.command(robot, twist, stamp),
         }
     }
-}
-
-/// The next request; one that cannot be read is passed over.
-fn received<Q, A>(server: &Server<Q, A>) -> Option<(ros2_client::RmwRequestId, Q)>
-where
-    Q: ros2_client::Message + 'static,
-    A: ros2_client::Message + 'static,
-{
-    for _ in 0..LOOK_MAX {
-        match server.receive_request() {
-            Ok(None) => return None,
-            Ok(Some(request)) => return Some(request),
-            Err(_) => {}
-        }
-    }
-    None
 }
 
 /// Open sockets of this process, by descriptor.

@@ -15,7 +15,8 @@ use appell_sim::ros::message::{
 };
 use roxmltree::{Document, Node as Element};
 
-use crate::simulator::Simulator;
+use crate::foxglove::View;
+use crate::simulator::{Simulator, offered};
 
 /// Longest request, header or message that is taken, bytes.
 const SIZE_MAX: usize = 1 << 20;
@@ -433,16 +434,11 @@ impl Node {
                 .map_err(|error| error.to_string())
         };
         let (send, commands) = sync_channel(WAITING_MAX);
-        let offered = simulator.topics().iter().map(|topic| {
+        let offers = simulator.topics().iter().map(|topic| {
             let (kind, sum) = known(topic.kind).unwrap_or(("", ""));
-            let name = match topic.kind {
-                kind::TWIST => format!("{}_out_unstamped", topic.name),
-                kind::TWIST_STAMPED => topic.name.replace("_stamped", "_out"),
-                _ => topic.name.clone(),
-            };
             Offered {
                 is_kept: topic.service == appell_sim::ros::Service::Kept,
-                name,
+                name: offered(topic),
                 kind,
                 sum,
                 listeners: Vec::new(),
@@ -463,7 +459,7 @@ impl Node {
             api: format!("http://{host}:{}/", port(&calls)?),
             host: host.to_owned(),
             port: port(&data)?,
-            offered: Mutex::new(offered.collect()),
+            offered: Mutex::new(offers.collect()),
             heard: Mutex::new(heard.collect()),
             commands: Mutex::new(send),
             connections: Mutex::new(0),
@@ -508,7 +504,8 @@ impl Node {
         call(&self.master, method, &arguments)
     }
 
-    /// Lets the simulation run in step with the clock, until `duration` or until it is told to stop.
+    /// Lets the simulation run in step with the clock, until `duration` or until it is told to stop; who looks on
+    /// sees all of it.
     ///
     /// # Errors
     /// The run has ended before, for the reason that is given.
@@ -517,6 +514,7 @@ impl Node {
         simulator: &mut Simulator,
         pace: f64,
         duration: f64,
+        view: Option<&View>,
         stop: &AtomicBool,
     ) -> Result<(), String> {
         let begun = Instant::now();
@@ -544,8 +542,11 @@ impl Node {
             let advanced = simulator.advance(&mut said);
             said.retain(|(topic, _)| *topic != 0);
             said.push((0, Message::Clock(clock)));
+            view.iter().for_each(|view| view.tell(clock.clock));
             let mut offered = self.shared.offered.lock().expect("nothing panics with it");
             for (topic, message) in said.drain(..) {
+                view.iter()
+                    .for_each(|view| view.say(topic, clock.clock, &message));
                 let topic = &mut offered[topic];
                 if topic.kind.is_empty() || (topic.listeners.is_empty() && !topic.is_kept) {
                     continue;

@@ -1,14 +1,17 @@
 //! The simulation as a node drives it: tick by tick, with what was commanded, saying messages. It knows of no
 //! network and no clock, so that the same commands at the same ticks give the same messages.
 
+use std::path::Path;
+
 use appell_sim::change::Session;
 use appell_sim::record::{Event, Header, RecordError, Recorder};
-use appell_sim::ros::message::Message;
+use appell_sim::ros::message::{Message, kind};
 use appell_sim::ros::{Speaker, Topic};
 use appell_sim::run::Run;
 use appell_sim::scenario::{self, Channel, Controller, FIRST, Loaded, Signal, Standby};
 
 use crate::drive::{Drive, Odometer};
+use crate::tape::Tape;
 
 /// What a scenario's own controllers are called beside the commands from outside.
 pub const OWN: &str = "scenario";
@@ -17,6 +20,15 @@ const FASTEST: [f64; 3] = [100.0, 100.0, 1000.0];
 /// Longest run, s.
 const LONGEST: f64 = 1e6;
 const CHANNELS: [&str; 3] = ["forward", "left", "yaw_rate"];
+
+/// What a node calls a topic that it offers: what a robot was told is no news, others say it.
+pub fn offered(topic: &Topic) -> String {
+    match topic.kind {
+        kind::TWIST => format!("{}_out_unstamped", topic.name),
+        kind::TWIST_STAMPED => topic.name.replace("_stamped", "_out"),
+        _ => topic.name.clone(),
+    }
+}
 
 /// How the simulation is driven.
 #[derive(Clone, Debug)]
@@ -64,12 +76,14 @@ pub struct Simulator {
     tick: u64,
     /// Control ticks before the present session.
     earlier: u64,
+    tape: Option<Tape>,
 }
 
 /// Collects what is said.
 struct Listener<'a> {
     speaker: &'a mut Speaker,
     said: &'a mut Vec<(usize, Message)>,
+    tape: Option<&'a mut Tape>,
     offset: f64,
 }
 
@@ -82,8 +96,12 @@ impl Recorder for Listener<'_> {
         let Listener {
             speaker,
             said,
+            tape,
             offset,
         } = self;
+        if let Some(tape) = tape {
+            tape.frame(t + *offset, row)?;
+        }
         let told =
             speaker.say::<std::convert::Infallible>(t + *offset, row, &mut |topic, message| {
                 said.push((topic, message));
@@ -92,8 +110,12 @@ impl Recorder for Listener<'_> {
         told.map_or_else(|never| match never {}, |()| Ok(()))
     }
 
-    fn event(&mut self, _event: &Event) -> Result<(), RecordError> {
-        Ok(())
+    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        let event = Event {
+            t: event.t + self.offset,
+            ..event.clone()
+        };
+        self.tape.as_mut().map_or(Ok(()), |tape| tape.event(&event))
     }
 
     fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
@@ -204,7 +226,28 @@ impl Simulator {
             ticks,
             tick: 0,
             earlier: 0,
+            tape: None,
         })
+    }
+
+    /// Records from here on into a folder, which [`Simulator::close`] completes.
+    ///
+    /// # Errors
+    /// The folder cannot be written to.
+    pub fn record(&mut self, folder: &Path) -> Result<(), String> {
+        self.tape = Some(Tape::open(folder, &self.session.run.header)?);
+        Ok(())
+    }
+
+    /// Completes the recording, if there is one: its summary counts from the last reset or placing of a robot on.
+    ///
+    /// # Errors
+    /// The folder cannot be written to.
+    pub fn close(&mut self) -> Result<(), String> {
+        match self.tape.take() {
+            Some(tape) => tape.close(&self.session.summary()),
+            None => Ok(()),
+        }
     }
 
     /// What it says, by place.
@@ -317,7 +360,7 @@ impl Simulator {
         self.begin(loaded)?;
         self.tick = 0;
         self.earlier = 0;
-        Ok(())
+        self.tape.as_mut().map_or(Ok(()), Tape::rewind)
     }
 
     /// Puts a robot somewhere, at rest, and goes on from there; the others stay where they are, at rest, too.
@@ -387,6 +430,7 @@ impl Simulator {
         let mut listener = Listener {
             speaker: &mut self.speaker,
             said,
+            tape: self.tape.as_mut(),
             offset: (self.earlier * self.ticks) as f64 * self.loaded.scenario.time.step,
         };
         let goes_on = self.session.advance(self.ticks, &mut listener);

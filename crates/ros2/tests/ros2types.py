@@ -1,5 +1,6 @@
 """Messages of ROS 2 as types of the Python package cyclonedds, an implementation of DDS of its own."""
 
+import os
 from dataclasses import dataclass
 
 from cyclonedds.core import Policy, Qos
@@ -11,11 +12,13 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-# Loopback has no multicast; peers find each other by the well-known ports.
-CONFIGURATION = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
+# Loopback has no multicast; peers find each other by the well-known ports. Another interface, and the peer on it,
+# may be given as NAME=ADDRESS.
+INTERFACE, _, AT = os.environ.get("APPELL_INTERFACE", "lo=127.0.0.1").partition("=")
+CONFIGURATION = f"""<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{INTERFACE}"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>60</MaxAutoParticipantIndex>
-<Peers><Peer address="127.0.0.1"/></Peers></Discovery><Tracing><Verbosity>none</Verbosity></Tracing></Domain></CycloneDDS>"""
+<Peers><Peer address="{AT}"/></Peers></Discovery><Tracing><Verbosity>none</Verbosity></Tracing></Domain></CycloneDDS>"""
 
 
 @dataclass
@@ -132,11 +135,11 @@ class Peer:
             self.domains[domain] = Domain(domain, CONFIGURATION)
         self.participant = DomainParticipant(domain)
 
-    def reader(self, name, kind, qos=RELIABLE):
-        return DataReader(self.participant, Topic(self.participant, "rt" + name, kind), qos=qos)
+    def reader(self, name, kind, qos=RELIABLE, prefix="rt/"):
+        return DataReader(self.participant, Topic(self.participant, prefix + name[1:], kind), qos=qos)
 
-    def writer(self, name, kind, qos=RELIABLE):
-        return DataWriter(self.participant, Topic(self.participant, "rt" + name, kind), qos=qos)
+    def writer(self, name, kind, qos=RELIABLE, prefix="rt/"):
+        return DataWriter(self.participant, Topic(self.participant, prefix + name[1:], kind), qos=qos)
 
 
 def twist(forward, turn):

@@ -253,6 +253,26 @@ pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>, ReportError> {
     pixmap.encode_png().map_err(|error| fail(error.to_string()))
 }
 
+/// Report and pictures of a run, by file name.
+///
+/// # Errors
+/// They cannot be drawn, which is a defect.
+pub fn pages(
+    recording: &Recording,
+    summary: &Summary,
+) -> Result<Vec<(&'static str, Vec<u8>)>, ReportError> {
+    let data = data(recording, summary);
+    let press = Press::new()?;
+    let svg = press.arena(&data)?;
+    let png = png(&svg, 2.0)?;
+    let page = press.page(&data)?;
+    Ok(vec![
+        ("trajectory.svg", svg.into_bytes()),
+        ("trajectory.png", png),
+        ("report.html", page.into_bytes()),
+    ])
+}
+
 /// The data that all drawing functions take, from a recording and its summary.
 pub fn data(recording: &Recording, summary: &Summary) -> Value {
     let header = &recording.header;

@@ -186,13 +186,13 @@ fn provide(root: &Path) -> Result<(), String> {
         ],
     )?;
     need(
-        "rosbags, which reads bags of ROS 2, and cyclonedds, which speaks with its nodes",
-        works("python3", &["-c", "import rosbags, cyclonedds"]),
+        "rosbags, which reads bags of ROS 2, cyclonedds, which speaks with its nodes, and websockets",
+        works("python3", &["-c", "import rosbags, cyclonedds, websockets"]),
         "sh",
         &[
             "-c",
-            "python3 -m pip install rosbags cyclonedds \
-             || python3 -m pip install --break-system-packages rosbags cyclonedds",
+            "python3 -m pip install rosbags cyclonedds websockets \
+             || python3 -m pip install --break-system-packages rosbags cyclonedds websockets",
         ],
     )?;
     need(
@@ -206,6 +206,24 @@ fn provide(root: &Path) -> Result<(), String> {
             "-c",
             "apt-get update && apt-get install --yes --no-install-recommends python3-roslaunch python3-rostopic \
              python3-geometry-msgs python3-sensor-msgs",
+        ],
+    )?;
+    need(
+        "Fast DDS",
+        works(
+            "test",
+            &[
+                "-e",
+                "/usr/include/fastdds",
+                "-a",
+                "-e",
+                "/usr/include/fastcdr",
+            ],
+        ),
+        "sh",
+        &[
+            "-c",
+            "apt-get update && apt-get install --yes --no-install-recommends libfastrtps-dev g++",
         ],
     )?;
     need(

@@ -121,6 +121,41 @@ pub trait Recorder: Send {
     fn finish(&mut self, summary: &serde_json::Value) -> Result<(), RecordError>;
 }
 
+/// Writes to several recorders.
+pub struct Fan {
+    /// Recorders of files.
+    pub files: Vec<Box<dyn Recorder>>,
+    /// What the report is drawn from.
+    pub memory: Option<Memory>,
+}
+
+impl Fan {
+    fn each(
+        &mut self,
+        mut act: impl FnMut(&mut dyn Recorder) -> Result<(), RecordError>,
+    ) -> Result<(), RecordError> {
+        for file in &mut self.files {
+            act(file.as_mut())?;
+        }
+        self.memory.as_mut().map_or(Ok(()), |memory| act(memory))
+    }
+}
+
+impl Recorder for Fan {
+    fn begin(&mut self, header: &Header) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.begin(header))
+    }
+    fn frame(&mut self, t: f64, row: &[f64]) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.frame(t, row))
+    }
+    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.event(event))
+    }
+    fn finish(&mut self, summary: &serde_json::Value) -> Result<(), RecordError> {
+        self.each(|recorder| recorder.finish(summary))
+    }
+}
+
 /// A recorder that writes `path`, in the format that its extension names.
 ///
 /// # Errors

@@ -228,6 +228,20 @@ impl Message {
     pub fn to_cdr(&self) -> Vec<u8> {
         to_cdr(self)
     }
+
+    /// The time that it tells of, if it says one.
+    pub fn stamp(&self) -> Option<Time> {
+        match self {
+            Message::Clock(clock) => Some(clock.clock),
+            Message::Odometry(odometry) => Some(odometry.header.stamp),
+            Message::Transforms(all) => all.transforms.first().map(|one| one.header.stamp),
+            Message::JointState(joints) => Some(joints.header.stamp),
+            Message::Imu(imu) => Some(imu.header.stamp),
+            Message::Detections(seen) => Some(seen.header.stamp),
+            Message::Twist(_) => None,
+            Message::TwistStamped(stamped) => Some(stamped.header.stamp),
+        }
+    }
 }
 
 /// Bytes before CDR that say that it is little-endian.
