@@ -1,10 +1,15 @@
 //! The blog's very command, from a publisher of ROS 1 through a master of ROS 1: Debian's packages. Where they are not
 //! installed this says so, and is no test.
 #![cfg(unix)]
+// The platform's own functions are good enough to judge by.
+#![allow(clippy::disallowed_methods)]
 
 use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+
+use appell_sim::record::Recording;
 
 /// A process and all that it started, which end with the test.
 struct Running(Child);
@@ -112,12 +117,14 @@ fn peer_the_very_command_of_the_blog() {
         assert!(Instant::now() < deadline, "the master does not come up");
         std::thread::sleep(Duration::from_millis(100));
     }
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("blog");
     let scenario = format!("{}/../../scenarios/ros.toml", env!("CARGO_MANIFEST_DIR"));
     let mut node = Command::new(env!("CARGO_BIN_EXE_appell-ros"));
     let node = node
-        .args([&scenario, "--ros1", &master])
+        .args([&scenario, "--ros1", &master, "--out"])
+        .arg(&folder)
         .stdout(Stdio::null());
-    let _node = Running::start(node);
+    let node = Running::start(node);
 
     let still = rates(&master, Duration::from_secs(30), |left, right, _| {
         (left, right) == (0.0, 0.0)
@@ -141,4 +148,16 @@ fn peer_the_very_command_of_the_blog() {
         (left, right) == (0.0, 0.0)
     });
     stopped.expect("it stops");
+    // What it leaves: the circle of 0.2 m about (2, 2), and its picture.
+    drop(node);
+    let recording = Recording::read(&folder.join("recording.mcap")).expect("a recording");
+    let column = |path: &str| recording.column(path).expect("recorded");
+    let [x, y, rate] = ["pose.x", "pose.y", "wheel.right.spin_rate"]
+        .map(|path| column(&format!("robot.bubble.{path}")));
+    let off = |k: usize| (f64::hypot(x[k] - 2.0, y[k] - 2.0) - 0.2).abs();
+    assert!((0..x.len()).all(|k| off(k) < 1e-6));
+    let driven = rate.iter().filter(|rate| near(**rate, 7.5)).count();
+    assert!(driven >= 100 && rate.last() == Some(&0.0), "{driven}");
+    let picture = std::fs::read(folder.join("trajectory.png")).expect("a picture");
+    assert!(picture.starts_with(b"\x89PNG") && folder.join("report.html").exists());
 }
