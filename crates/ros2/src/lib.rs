@@ -3,6 +3,7 @@
 pub mod drive;
 pub mod foxglove;
 pub mod node;
+pub mod paced;
 pub mod ros1;
 pub mod service;
 pub mod simulator;

@@ -199,17 +199,11 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
             .network
             .map_or("localhost".to_owned(), |address| address.to_string());
         let mut node = ros1::Node::open(master, &host, &arguments.name, &simulator).map_err(bad)?;
-        let (pace, duration) = (options.pace, options.duration);
-        let view = options
-            .foxglove
-            .map(|address| View::open(address, shown(&simulator, str::to_owned)));
-        let view = view.transpose().map_err(bad)?;
-        if let Some(folder) = &arguments.out {
-            simulator.record(folder).map_err(|problem| (4, problem))?;
-        }
+        let view = prepared(&mut simulator, arguments)?;
         println!("listening for cmd_vel by {master}");
         announce(view.as_ref());
-        let done = node.run(&mut simulator, pace, duration, view.as_ref(), &stop);
+        let pace = (options.pace, options.duration);
+        let done = node.run(&mut simulator, pace, view.as_ref(), &stop);
         drop(node);
         return ended(done, &mut simulator);
     }
@@ -226,6 +220,20 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
     }
     let done = front.run(&stop);
     ended(done, front.simulator_mut())
+}
+
+/// Begins to record, and opens the live view, where they are asked for.
+fn prepared(
+    simulator: &mut Simulator,
+    arguments: &Arguments,
+) -> Result<Option<View>, (u8, String)> {
+    if let Some(folder) = &arguments.out {
+        simulator.record(folder).map_err(|problem| (4, problem))?;
+    }
+    let view = arguments
+        .foxglove
+        .map(|address| View::open(address, shown(simulator, &arguments.namespace)));
+    view.transpose().map_err(|problem| (2, problem))
 }
 
 /// Completes what is recorded, however the run has ended.

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::foxglove::{Shown, View};
 use crate::service::{Done, Flag, Nothing, Service, SetPose, SwitchController};
-use crate::simulator::{Settings, Simulator, offered};
+use crate::simulator::{Settings, Simulator, offered, placed};
 
 /// How long the loop rests between two looks at what has come.
 const GLANCE: Duration = Duration::from_micros(500);
@@ -149,10 +149,10 @@ fn quality(service: Quality) -> QosProfile {
     }
 }
 
-/// The topics as a live view shows them, by the names that `full` gives them.
-pub fn shown(simulator: &Simulator, full: impl Fn(&str) -> String) -> Vec<Shown> {
+/// The topics as a live view shows them, below a namespace.
+pub fn shown(simulator: &Simulator, namespace: &str) -> Vec<Shown> {
     let topics = simulator.topics().iter().map(|topic| Shown {
-        name: full(&offered(topic)),
+        name: placed(&offered(topic), namespace),
         kind: topic.kind,
         is_kept: topic.service == Quality::Kept,
     });
@@ -210,13 +210,8 @@ impl Front {
         let spinner = node.spinner().map_err(|error| net(&error))?;
         std::thread::spawn(move || futures::executor::block_on(spinner.spin()));
 
-        // Shared topics stay at the top, those of robots move below the namespace.
-        let full = |topic: &str| match (topic, space.as_str()) {
-            ("/clock" | "/tf" | "/tf_static", _) | (_, "/") => topic.to_owned(),
-            (topic, space) => format!("{space}{topic}"),
-        };
         let named = |topic: &str| {
-            Name::parse(&full(topic))
+            Name::parse(&placed(topic, &options.namespace))
                 .map_err(|error| format!("{topic}: is no name in ROS: {error:?}"))
         };
         let mut offer = |topic: &str, kind: &str, service| -> Result<Publisher<Message>, String> {
@@ -294,7 +289,7 @@ impl Front {
         }
         let view = match options.foxglove {
             None => None,
-            Some(address) => Some(View::open(address, shown(&simulator, full))?),
+            Some(address) => Some(View::open(address, shown(&simulator, &options.namespace))?),
         };
         Ok(Front {
             simulator,

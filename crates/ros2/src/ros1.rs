@@ -4,18 +4,18 @@
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, ToSocketAddrs};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use appell_sim::ros::message::{
-    Clock, Header, Message, PoseWithCovariance, Quaternion, Time, TwistWithCovariance, Vector3,
-    kind,
+    Header, Message, PoseWithCovariance, Quaternion, Time, TwistWithCovariance, Vector3, kind,
 };
 use roxmltree::{Document, Node as Element};
 
 use crate::foxglove::View;
+use crate::paced::{self, Heard, WAITING_MAX};
 use crate::simulator::{Simulator, offered};
 
 /// Longest request, header or message that is taken, bytes.
@@ -24,9 +24,6 @@ const SIZE_MAX: usize = 1 << 20;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Most connections at a time.
 const CONNECTIONS_MAX: usize = 64;
-/// Messages that wait for one who listens, or for the simulation.
-const WAITING_MAX: usize = 256;
-const GLANCE: Duration = Duration::from_micros(500);
 
 /// Type and checksum in ROS 1, by the name in ROS 2; those that have one.
 const TYPES: [(&str, &str, &str); 7] = [
@@ -377,9 +374,6 @@ fn twist_of(bytes: &[u8]) -> Result<[f64; 3], String> {
     }
 }
 
-/// A command for a robot, or why there is none.
-type Heard = (usize, Result<[f64; 3], String>);
-
 /// A topic that is offered.
 struct Offered {
     name: String,
@@ -504,54 +498,29 @@ impl Node {
         call(&self.master, method, &arguments)
     }
 
-    /// Lets the simulation run in step with the clock, until `duration` or until it is told to stop; who looks on
-    /// sees all of it.
+    /// Lets the simulation run at a pace, until `duration` or until it is told to stop; who looks on sees all of it.
     ///
     /// # Errors
     /// The run has ended before, for the reason that is given.
     pub fn run(
         &mut self,
         simulator: &mut Simulator,
-        pace: f64,
-        duration: f64,
+        pace: (f64, f64),
         view: Option<&View>,
         stop: &AtomicBool,
     ) -> Result<(), String> {
-        let begun = Instant::now();
-        let (mut said, mut count, mut complaints) = (Vec::new(), 0_u32, 0);
-        while !stop.load(Ordering::Relaxed) && simulator.now() < duration {
-            while let Ok((robot, twist)) = self.commands.try_recv() {
-                let taken = twist.and_then(|twist| simulator.command(robot, twist, None));
-                if let Err(problem) = taken
-                    && complaints < 5
-                {
-                    complaints += 1;
-                    eprintln!("cmd_vel: refused: {problem}");
-                }
-            }
-            let due = begun + Duration::from_secs_f64(simulator.now() / pace);
-            let left = due.saturating_duration_since(Instant::now());
-            if !left.is_zero() {
-                std::thread::sleep(left.min(GLANCE));
-                continue;
-            }
-            let clock = Clock {
-                clock: Time::of(simulator.now()),
-            };
-            said.clear();
-            let advanced = simulator.advance(&mut said);
-            said.retain(|(topic, _)| *topic != 0);
-            said.push((0, Message::Clock(clock)));
-            view.iter().for_each(|view| view.tell(clock.clock));
-            let mut offered = self.shared.offered.lock().expect("nothing panics with it");
-            for (topic, message) in said.drain(..) {
-                view.iter()
-                    .for_each(|view| view.say(topic, clock.clock, &message));
-                let topic = &mut offered[topic];
+        let Node {
+            shared, commands, ..
+        } = self;
+        let mut count = 0_u32;
+        paced::run(simulator, pace, commands, view, stop, &mut |said| {
+            let mut offered = shared.offered.lock().expect("nothing panics with it");
+            for (topic, message) in said {
+                let topic = &mut offered[*topic];
                 if topic.kind.is_empty() || (topic.listeners.is_empty() && !topic.is_kept) {
                     continue;
                 }
-                let bytes = Arc::new(wired(&message, count));
+                let bytes = Arc::new(wired(message, count));
                 // Who does not keep up loses messages, and holds nobody up.
                 let keeps = |listener: &SyncSender<_>| {
                     let sent = listener.try_send(Arc::clone(&bytes));
@@ -562,11 +531,8 @@ impl Node {
                     topic.kept = Some(bytes);
                 }
             }
-            drop(offered);
             count = count.wrapping_add(1);
-            advanced?;
-        }
-        Ok(())
+        })
     }
 }
 
@@ -784,7 +750,10 @@ fn listen(
     // It may be silent for as long as it likes.
     stream.set_read_timeout(None).map_err(told)?;
     while let Some(bytes) = block(&mut stream) {
-        if send.send((robot, twist_of(&bytes))).is_err() {
+        if send
+            .send((robot, twist_of(&bytes).map(|twist| (twist, None))))
+            .is_err()
+        {
             break;
         }
     }

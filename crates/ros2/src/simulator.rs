@@ -30,6 +30,14 @@ pub fn offered(topic: &Topic) -> String {
     }
 }
 
+/// A topic below a namespace; those that all robots share stay at the top.
+pub fn placed(topic: &str, namespace: &str) -> String {
+    match (topic, namespace.trim_matches('/')) {
+        ("/clock" | "/tf" | "/tf_static", _) | (_, "") => topic.to_owned(),
+        (topic, space) => format!("/{space}{topic}"),
+    }
+}
+
 /// How the simulation is driven.
 #[derive(Clone, Debug)]
 pub struct Settings {
