@@ -8,3 +8,6 @@ pub mod ros1;
 pub mod service;
 pub mod simulator;
 pub mod tape;
+pub mod type_hash;
+#[cfg(feature = "zenoh")]
+pub mod zenoh;

@@ -11,6 +11,8 @@ use appell_ros2::foxglove::View;
 use appell_ros2::node::{Front, Options, shown};
 use appell_ros2::ros1;
 use appell_ros2::simulator::{Settings, Simulator};
+#[cfg(feature = "zenoh")]
+use appell_ros2::zenoh;
 use appell_sim::scenario::{self, Loaded};
 use clap::Parser;
 
@@ -38,6 +40,17 @@ struct Arguments {
     /// Speak ROS 1 instead, with the master at this address, such as http://localhost:11311.
     #[arg(long, value_name = "MASTER", conflicts_with_all = ["lock_step", "namespace", "paused", "domain"])]
     ros1: Option<String>,
+    /// Speak over Zenoh instead, as rmw_zenoh does, by the router at this endpoint [default: tcp/127.0.0.1:7447].
+    #[cfg(feature = "zenoh")]
+    #[arg(
+        long,
+        value_name = "ENDPOINT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "tcp/127.0.0.1:7447",
+        conflicts_with_all = ["ros1", "lock_step", "network", "paused"]
+    )]
+    zenoh: Option<String>,
     /// Show what is said to Foxglove, by a WebSocket at this address [default: 127.0.0.1:8765].
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<SocketAddr>,
@@ -201,6 +214,23 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
         let mut node = ros1::Node::open(master, &host, &arguments.name, &simulator).map_err(bad)?;
         let view = prepared(&mut simulator, arguments)?;
         println!("listening for cmd_vel by {master}");
+        announce(view.as_ref());
+        let pace = (options.pace, options.duration);
+        let done = node.run(&mut simulator, pace, view.as_ref(), &stop);
+        drop(node);
+        return ended(done, &mut simulator);
+    }
+    #[cfg(feature = "zenoh")]
+    if let Some(endpoint) = &arguments.zenoh {
+        let mut simulator = Simulator::new(&loaded, &settings).map_err(bad)?;
+        let identity = zenoh::Identity {
+            domain,
+            namespace: &arguments.namespace,
+            name: &arguments.name,
+        };
+        let mut node = zenoh::Node::open(endpoint, &identity, &simulator).map_err(bad)?;
+        let view = prepared(&mut simulator, arguments)?;
+        println!("listening for cmd_vel by {endpoint} in domain {domain}");
         announce(view.as_ref());
         let pace = (options.pace, options.duration);
         let done = node.run(&mut simulator, pace, view.as_ref(), &stop);
