@@ -110,7 +110,7 @@ impl<T: Scalar> Kinematic<T> {
                 for k in 0..n {
                     trace += normal[k][k];
                 }
-                varying = (rows, invert_known(n, &normal, trace * T::from(1e-12)));
+                varying = (rows, invert_known(n, &normal, trace * T::from(T::ROUNDING)));
                 (&varying.0, &varying.1)
             }
         };

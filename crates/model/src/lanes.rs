@@ -29,6 +29,9 @@ pub struct Lanes<const N: usize>(
     pub [f64; N],
 );
 
+/// Most lanes of a number: a register of AVX-512 in single precision.
+pub const LANES_MAX: usize = 16;
+
 /// Four lanes: one register of AVX2.
 pub type Lanes4 = Lanes<4>;
 

@@ -369,7 +369,7 @@ impl<T: Scalar> Platform<T> {
                 }
             }
         }
-        let solved = crate::solve::solve_semidefinite(eta, normal, right, T::from(1e-12));
+        let solved = crate::solve::solve_semidefinite(eta, normal, right, T::from(T::ROUNDING));
         let mut v = zero_row();
         v[..eta].copy_from_slice(&solved[..eta]);
         v[eta..eta + steering.len()].copy_from_slice(steering);
@@ -626,7 +626,7 @@ impl<T: Scalar> Platform<T> {
                 trace = row[k].mul_add(row[k], trace);
             }
         }
-        let v = crate::solve::solve_semidefinite(n, normal, right, trace * T::from(1e-12));
+        let v = crate::solve::solve_semidefinite(n, normal, right, trace * T::from(T::ROUNDING));
         let mut fitted = zero_row();
         fitted[..n].copy_from_slice(&v[..n]);
         let mut square = T::zero();

@@ -54,6 +54,26 @@ pub trait Scalar:
     /// Whether integrators are compiled size by size for it: fast, and large.
     const TWINS: bool = false;
 
+    /// Whether it has the precision of `f32`.
+    const IS_NARROW: bool = false;
+
+    /// Largest finite number.
+    const LARGEST: f64 = if Self::IS_NARROW {
+        f32::MAX as f64
+    } else {
+        f64::MAX
+    };
+
+    /// Smallest positive number of full precision.
+    const LEAST: f64 = if Self::IS_NARROW {
+        f32::MIN_POSITIVE as f64
+    } else {
+        f64::MIN_POSITIVE
+    };
+
+    /// Share of a matrix's trace below which a pivot is but rounding.
+    const ROUNDING: f64 = if Self::IS_NARROW { 1e-5 } else { 1e-12 };
+
     /// Builds a number from the value of each lane; derivatives are zero.
     fn from_lanes(value: impl FnMut(usize) -> f64) -> Self;
 

@@ -131,7 +131,8 @@ impl<T: Scalar> Support<T> {
                     }
                 }
             }
-            let left = invert_known(3, &sums, whole * T::from(1e-9));
+            let rounding = if T::IS_NARROW { T::ROUNDING } else { 1e-9 };
+            let left = invert_known(3, &sums, whole * T::from(rounding));
             for a in 0..3 {
                 inverse[a].copy_from_slice(&left[a][..3]);
             }
@@ -158,7 +159,7 @@ impl<T: Scalar> Support<T> {
     /// outside, where the body tips over that edge. `[eq:tip-over]`
     #[inline(always)]
     pub fn margin(&self, point: Vec2<T>) -> T {
-        let mut margin = T::from(f64::MAX);
+        let mut margin = T::from(T::LARGEST);
         for k in 0..self.corners.len() {
             let from = self.points[self.corners[k]];
             margin = margin.min(self.edges[k].cross(point - from));

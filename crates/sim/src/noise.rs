@@ -4,6 +4,7 @@
 //! function of its key and counter, so that one more sensor, or another order of evaluation,
 //! changes no other number.
 
+use appell_model::lanes::LANES_MAX;
 use appell_model::lanewise::Lanewise;
 use appell_model::scalar::Scalar;
 
@@ -41,9 +42,6 @@ impl Stream {
         normal_pair(self.uniforms(counter))
     }
 }
-
-/// Most lanes of a number.
-const LANES_MAX: usize = 8;
 
 /// The streams of one signal in every lane.
 #[derive(Clone, Debug, PartialEq, Eq)]

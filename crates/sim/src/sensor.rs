@@ -520,7 +520,7 @@ impl<T: Scalar> Kernel<T> for MotionSensor<T> {
         let regime = T::select(is_arc, T::from(2.0), T::from(3.0));
         let regime = T::select(is_straight, T::one(), regime);
         // The center lies to the left of the motion, for a positive radius.
-        let scale = radius / speed.max(T::from(f64::MIN_POSITIVE));
+        let scale = radius / speed.max(T::from(T::LEAST));
         let (sin, cos) = input[2].sin_cos();
         let arm = (velocity.perpendicular() * scale).rotated(cos, sin);
         let moving = [regime, radius, input[0] + arm.x, input[1] + arm.y];

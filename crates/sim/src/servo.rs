@@ -335,7 +335,7 @@ fn acceleration_torques<T: Scalar>(n: usize, mass: &Square<T>, rows: &[Row<T>]) 
     for k in 0..n {
         trace += normal[k][k];
     }
-    let pseudo = invert_known(n, &normal, trace * T::from(1e-12));
+    let pseudo = invert_known(n, &normal, trace * T::from(T::ROUNDING));
     let per_axle = |row: &Row<T>| {
         let share = product(n, &pseudo, row);
         let inertia =

@@ -13,6 +13,7 @@ mod slot;
 
 use std::collections::BTreeMap;
 
+use appell_model::lanes::LANES_MAX;
 use appell_model::lanewise::Lanewise;
 use appell_model::scalar::{Mask, Scalar};
 use appell_model::wide::widest;
@@ -816,9 +817,6 @@ enum Stage {
     Sense,
     Decide,
 }
-
-/// Most lanes of a number.
-const LANES_MAX: usize = 8;
 
 impl World {
     /// Time of the present tick, s.

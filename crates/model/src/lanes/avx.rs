@@ -104,6 +104,7 @@ macro_rules! register {
             const LANES: usize = $lanes;
             const REGISTERS: Registers = $registers;
             const TWINS: bool = true;
+            const IS_NARROW: bool = core::mem::size_of::<$number>() == 4;
 
             #[inline(always)]
             fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {

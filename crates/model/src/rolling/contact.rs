@@ -193,7 +193,7 @@ fn least_side_forces<T: Scalar>(side: &[[T; 3]], needed: [T; 3]) -> [T; 3] {
         }
     }
     let trace = normal[0][0] + normal[1][1] + normal[2][2];
-    let floor = trace * T::from(1e-12) + T::from(f64::MIN_POSITIVE);
+    let floor = trace * T::from(T::ROUNDING) + T::from(T::LEAST);
     solve_semidefinite(3, normal, needed, floor)
 }
 

@@ -82,7 +82,7 @@ impl<T: Scalar> Rolling<T> {
     ) -> [T; MAX_WHEELS] {
         // Where more wheels stick than there are directions to hold, the share of each is not
         // determined; this much of the diagonal, against rounding, picks the smallest torques.
-        const RIDGE: f64 = 1e-11;
+        let ridge = if T::IS_NARROW { 1e-5 } else { 1e-11 };
         let layout = self.platform.layout();
         let (n, wheels) = (layout.dof(), layout.wheels);
         let (free, mobility) = super::steered_acceleration(self, x, reduced, forces);
@@ -95,7 +95,7 @@ impl<T: Scalar> Rolling<T> {
                 let entry = dot(n, &reduced.spin[j], &response);
                 matrix[j][i] = T::select(held.and(forces.actions[j].stuck), entry, T::zero());
             }
-            let own = matrix[i][i] * T::from(1.0 + RIDGE);
+            let own = matrix[i][i] * T::from(1.0 + ridge);
             matrix[i][i] = T::select(held, own, T::one());
             let pushed = dot(n, &reduced.spin[i], &free) + forces.convective[i];
             right[i] = T::select(held, -pushed, T::zero());

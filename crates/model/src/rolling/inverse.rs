@@ -76,7 +76,7 @@ impl<T: Scalar> Rolling<T> {
         for k in 0..n {
             trace += normal[k][k];
         }
-        let z = solve_semidefinite(n, normal, needed, trace * T::from(1e-12));
+        let z = solve_semidefinite(n, normal, needed, trace * T::from(T::ROUNDING));
         let mut residual = needed;
         let mut efforts = Vec::with_capacity(columns.len());
         for column in &columns {

@@ -335,7 +335,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let progress = before[4].max(self.state.progress);
         let ahead = self.path.length - progress;
         let slack = T::from(0.1) * self.lookahead;
-        let mut best = (T::from(f64::MAX), progress);
+        let mut best = (T::from(T::LARGEST), progress);
         for k in 0..=SEARCHED {
             let s = ahead.mul_add(T::from(k as f64 / SEARCHED as f64), progress);
             let beside = self.beside(x, y, s);

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use appell_model::lanes::LANES_MAX;
 use appell_model::lanewise::Lanewise;
 use appell_model::scalar::Scalar;
 
@@ -136,9 +137,6 @@ impl<T: Scalar> Tracks<T> {
         reached.min(braked).min(before.max(after)).sqrt()
     }
 }
-
-/// Most lanes of a number.
-const LANES_MAX: usize = 8;
 
 impl<T: Scalar> Lanewise for Tracks<T> {
     type One = Tracks<f64>;

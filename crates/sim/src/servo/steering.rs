@@ -113,7 +113,7 @@ impl<T: Scalar> Lead<T> {
             at: layout.swivel(swivel.expect("a steered wheel swivels")),
             limit: T::from(angle_max_deg.to_radians()),
             rate_max: T::from(rate_max),
-            torque_max: T::from(torque_max.unwrap_or(f64::MAX)),
+            torque_max: T::from(torque_max.unwrap_or(T::LARGEST)),
             // A loop of samples is no faster than that.
             bandwidth: T::from(bandwidth.min(0.25 / period)),
             // The rate loop is four times as fast as that of the angle, so that the angle does not run

@@ -1,10 +1,10 @@
 //! What judges see of a world.
 
+use appell_model::lanes::LANES_MAX;
 use appell_model::math::hypot;
 use appell_model::scalar::Scalar;
 use appell_model::wide::Job;
 
-use super::LANES_MAX;
 use crate::judge::{Glance, Rings};
 
 /// A look at a robot: the distance between its disc and the nearest beacon now, m, negative inside; and of
@@ -23,7 +23,7 @@ impl<T: Scalar> Job for Look<'_, T> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let [x, y, forward, left] = self.motion;
-        let mut nearest = T::from(f64::MAX);
+        let mut nearest = T::from(T::LARGEST);
         for k in 0..self.rings.beacons.len() {
             let [east, north, radius] = self.rings.beacons[k];
             let away = hypot(x - east, y - north);

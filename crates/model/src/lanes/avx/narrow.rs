@@ -1,7 +1,7 @@
 //! Lanes of single precision: twice as many in a register.
 
 use super::*;
-use crate::lanes::narrow::{Halves, halves};
+use crate::lanes::narrow::{Bits as NarrowBits, Halves, halves};
 
 bit_mask!(
     /// Sixteen truth values.
@@ -72,6 +72,16 @@ impl Narrow8 {
     }
 }
 
+impl NarrowBits for Narrow8 {
+    #[inline(always)]
+    fn has_bit(self, index: u32) -> NarrowMask8 {
+        let bit = vector!(_mm256_set1_epi32(1 << index));
+        let bits = vector!(_mm256_castps_si256(self.0));
+        let found = vector!(_mm256_cmpeq_epi32(_mm256_and_si256(bits, bit), bit));
+        Self::found(vector!(_mm256_castsi256_ps(found)))
+    }
+}
+
 impl Halves for Narrow8 {
     type Wide = Avx4;
 
@@ -136,6 +146,17 @@ impl Narrow16 {
     #[inline(always)]
     fn choose(mask: NarrowMask16, yes: Self, no: Self) -> Self {
         Self(vector!(_mm512_mask_blend_ps(mask.0, no.0, yes.0)))
+    }
+}
+
+impl NarrowBits for Narrow16 {
+    #[inline(always)]
+    fn has_bit(self, index: u32) -> NarrowMask16 {
+        let bit = vector!(_mm512_set1_epi32(1 << index));
+        NarrowMask16(vector!(_mm512_test_epi32_mask(
+            _mm512_castps_si512(self.0),
+            bit
+        )))
     }
 }
 
