@@ -68,16 +68,39 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     fn core(&self) -> Option<Core> {
         None
     }
+    /// Whether the core has sums and differences for the states of its two wheels, which are alike.
+    #[inline(always)]
+    fn is_paired(&self) -> bool {
+        false
+    }
+    /// Writes what a held input comes to for the core: what its rates and [`Dynamics::gather`] take in
+    /// place of the input.
+    #[inline(always)]
+    fn core_input(&self, _u: &[T], _held: &mut [T; CORE_INPUT]) {}
+    /// Writes the summed states of the core, of a state, into a stage.
+    #[inline(always)]
+    fn core_enter(&self, core: Core, x: &[T], stage: &mut [T]) {
+        for k in core.summed.0..core.summed.1 {
+            stage[k] = x[k];
+        }
+    }
+    /// Writes them back.
+    #[inline(always)]
+    fn core_leave(&self, core: Core, stage: &[T], x: &mut [T]) {
+        for k in core.summed.0..core.summed.1 {
+            x[k] = stage[k];
+        }
+    }
     /// Rates of the summed states of the core, and of all angles: heading, wheels, casters. Gives the
     /// lanes in which a limit was met.
     #[inline(always)]
-    fn core_rates(&self, _x: &[T], _u: &[T], _rates: &mut [T]) -> T::Mask {
+    fn core_rates(&self, _x: &[T], _held: &[T], _rates: &mut [T]) -> T::Mask {
         unreachable!("there is no core")
     }
     /// The same for the angles, and of the rates of the summed states what is not linear in these,
     /// but for a constant.
     #[inline(always)]
-    fn core_rest(&self, _x: &[T], _u: &[T], _rest: &mut [T]) -> T::Mask {
+    fn core_rest(&self, _x: &[T], _held: &[T], _rest: &mut [T]) -> T::Mask {
         unreachable!("there is no core")
     }
     /// Rates of the wheels' angles alone.
@@ -89,7 +112,7 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
     /// redundant ones: what [`Dynamics::settle`] does where there is no core. `limited` are the lanes
     /// in which a limit was met.
     #[inline(always)]
-    fn gather(&self, _nodes: &Nodes<'_, T>, _u: &[T], _limited: T::Mask, _x: &mut [T]) {
+    fn gather(&self, _nodes: &Nodes<'_, T>, _held: &[T], _limited: T::Mask, _x: &mut [T]) {
         unreachable!("there is no core")
     }
     /// States for which a tolerance makes no sense because they repeat others or only keep books.
@@ -97,6 +120,9 @@ pub trait Dynamics<T: Scalar>: Send + Sync {
         false
     }
 }
+
+/// Length of what an input comes to for a core.
+pub const CORE_INPUT: usize = 12;
 
 /// Where the core of a state lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,9 +136,17 @@ pub struct Core {
     pub angles: (usize, usize),
     /// How many the latter are.
     pub swivels: usize,
+    /// Whether the rates read the first one.
+    pub turns: bool,
 }
 
 impl Core {
+    /// Which of the angles are read, by their indices.
+    #[inline(always)]
+    pub fn read(&self) -> core::ops::RangeInclusive<usize> {
+        usize::from(!self.turns)..=self.swivels
+    }
+
     /// Index of an angle, of which there are 1 + [`Core::swivels`].
     #[inline(always)]
     pub fn angle(&self, index: usize) -> usize {

@@ -11,7 +11,7 @@ mod friction;
 mod inverse;
 
 use crate::drive::Drive;
-use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work};
+use crate::dynamics::{CORE_INPUT, Core, Dynamics, Nodes, Sizes, Work};
 use crate::ground::Ground;
 use crate::lanewise;
 use crate::lanewise::Lanewise;
@@ -47,6 +47,10 @@ pub struct Rolling<T: Scalar> {
     is_smooth: bool,
     /// Whether a step needs the stages of its core alone: of a shape with motors, without dry friction.
     is_gathered: bool,
+    /// Whether its two driven wheels are alike, left and right: then the core has sums and differences.
+    is_paired: bool,
+    /// Whether a step may leave out the energy ledger and the angles of driven wheels.
+    is_bare: bool,
     /// The contacts that carry it, where three or more span a plane.
     support: Option<Support<T>>,
 }
@@ -81,6 +85,7 @@ impl<T: Scalar> Lanewise for Rolling<T> {
         self.platform.fits(&one.platform)
             && self.ground.fits(&one.ground)
             && self.shape.fits(&one.shape)
+            && self.is_paired == one.is_paired
             && self.support.fits(&one.support)
     }
 
@@ -135,15 +140,27 @@ impl<T: Scalar> Rolling<T> {
             is_level,
             is_smooth: is_level && !axles.iter().any(is_dry),
             is_gathered: !axles.iter().any(is_dry),
+            is_paired: false,
+            is_bare: false,
             axles,
             support,
         };
         rolling.shape = constant
             .as_ref()
             .and_then(|constant| Shape::new(&rolling, constant));
-        rolling.is_gathered &= rolling.shape.as_ref().and_then(Shape::core).is_some();
+        let core = |shape: &Shape<T>| shape.core(false);
+        rolling.is_gathered &= rolling.shape.as_ref().and_then(core).is_some();
+        let pairs = rolling.shape.as_ref().is_some_and(Shape::pairs);
+        rolling.is_paired = rolling.is_gathered && pairs;
         rolling.constant = constant;
         rolling
+    }
+
+    /// Leaves it to a step whether it keeps the energy ledger and the angles of driven wheels, which
+    /// nothing else follows from: where nobody reads them they are half of its work. What they hold then
+    /// means nothing; all other states keep their bits.
+    pub fn leave_out(&mut self) {
+        self.is_bare = true;
     }
 
     /// The platform.
@@ -710,19 +727,40 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     #[inline(always)]
     fn core(&self) -> Option<Core> {
         let shape = self.shape.as_ref().filter(|_| self.is_gathered)?;
-        shape.core()
+        shape.core(self.is_paired)
     }
 
     #[inline(always)]
-    fn core_rates(&self, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
-        let shape = self.shape.as_ref().expect("a core is of a shape");
-        compiled::core_rates(shape, self, x, u, rates)
+    fn is_paired(&self) -> bool {
+        self.is_paired
     }
 
     #[inline(always)]
-    fn core_rest(&self, x: &[T], u: &[T], rest: &mut [T]) -> T::Mask {
+    fn core_enter(&self, core: Core, x: &[T], stage: &mut [T]) {
+        compiled::core_enter(self.is_paired, core, x, stage);
+    }
+
+    #[inline(always)]
+    fn core_leave(&self, core: Core, stage: &[T], x: &mut [T]) {
+        compiled::core_leave(self.is_paired, core, stage, x);
+    }
+
+    #[inline(always)]
+    fn core_input(&self, u: &[T], held: &mut [T; CORE_INPUT]) {
         let shape = self.shape.as_ref().expect("a core is of a shape");
-        compiled::core_rest(shape, self, x, u, rest)
+        shape.core_input(self, u, held);
+    }
+
+    #[inline(always)]
+    fn core_rates(&self, x: &[T], held: &[T], rates: &mut [T]) -> T::Mask {
+        let shape = self.shape.as_ref().expect("a core is of a shape");
+        compiled::core_rates(shape, self, x, held, rates)
+    }
+
+    #[inline(always)]
+    fn core_rest(&self, x: &[T], held: &[T], rest: &mut [T]) -> T::Mask {
+        let shape = self.shape.as_ref().expect("a core is of a shape");
+        compiled::core_rest(shape, self, x, held, rest)
     }
 
     #[inline(always)]
@@ -732,9 +770,9 @@ impl<T: Scalar> Dynamics<T> for Rolling<T> {
     }
 
     #[inline(always)]
-    fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
+    fn gather(&self, nodes: &Nodes<'_, T>, held: &[T], limited: T::Mask, x: &mut [T]) {
         let shape = self.shape.as_ref().expect("a core is of a shape");
-        compiled::gather(shape, self, nodes, u, limited, x);
+        compiled::gather(shape, self, nodes, held, limited, x);
     }
 
     #[inline(always)]

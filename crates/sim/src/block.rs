@@ -77,6 +77,8 @@ pub trait Block<T: Scalar = f64>: Send {
     fn origin(&self) -> Option<&str> {
         None
     }
+    /// Is told that nobody reads energies and the angles of driven wheels: a plant may leave them out.
+    fn leave_out(&mut self) {}
     /// Writes the outputs of the present state; for plants, whose state moves between readings.
     fn observe(&mut self, _input: &[T], _detail: Detail, _output: &mut [T]) {}
     /// Appends the state as bytes, for saving and branching; nothing for a block without one.

@@ -268,7 +268,8 @@ impl AnyLanes for Maker<'_> {
         let group = |first: usize| -> Box<dyn Group> {
             let plans = Plans::default();
             let assembly = assemble::<T>(self.loaded, 0, &plans, &Values::new(&[]));
-            let world = World::wire(assembly.expect("built once already").parts);
+            let mut world = World::wire(assembly.expect("built once already").parts);
+            world.leave_out(self.observed);
             let column = |signal: &Signal| world.column(&signal.path).expect("wired alike");
             Box::new(Side {
                 actions: self.actions.iter().map(column).collect(),
@@ -509,6 +510,31 @@ mod tests {
             alone[3][2].to_bits() != alone[19][2].to_bits(),
             "other noise"
         );
+    }
+
+    /// Without a sensor that reads the wheels energies are found only where they are observed.
+    #[test]
+    fn invariant_what_is_observed_changes_nothing_else() {
+        let mut set = overrides(SIGNALS);
+        set.retain(|(path, _)| path != "robot.tri.sensor");
+        let observed = |third: &str| {
+            let settings = Settings {
+                count: 5,
+                observe: [OBSERVE[0], OBSERVE[1], third].map(str::to_owned).to_vec(),
+                interval: 0.1,
+                lanes: 8,
+            };
+            let env = BatchEnv::new(&scenario(), &set, &settings);
+            drive(&mut env.unwrap_or_else(|error| panic!("{error}")), 12).0
+        };
+        let speed = observed("robot.tri.twist.forward");
+        let energy = observed("robot.tri.energy.supplied");
+        for (a, b) in speed.iter().zip(&energy) {
+            for (a, b) in a.chunks(3).zip(b.chunks(3)) {
+                assert_eq!(a[..2], b[..2]);
+            }
+        }
+        assert!(energy[9][2] > 0.01);
     }
 
     #[test]

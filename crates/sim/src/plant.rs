@@ -779,6 +779,12 @@ impl<T: Scalar> Block<T> for Plant<T> {
         }
     }
 
+    fn leave_out(&mut self) {
+        if let System::Rolling(system) = &mut self.system {
+            system.leave_out();
+        }
+    }
+
     fn save(&self, bytes: &mut Vec<u8>) {
         save_numbers(&self.x, bytes);
         save_numbers(&self.u, bytes);

@@ -377,6 +377,21 @@ impl<T: Scalar> World<T> {
         world
     }
 
+    /// Lets the plants leave out what merely follows, where neither the blocks nor the reader of these
+    /// columns reads it. What is left keeps its bits.
+    pub(crate) fn leave_out(&mut self, observed: &[usize]) {
+        let follows = |&column: &usize| {
+            let path = &self.signals[column].path;
+            path.contains(".energy.") || path.ends_with(".spin_angle")
+        };
+        let mut blocks = self.sensors.iter().chain(&self.controllers);
+        if !observed.iter().any(follows) && !blocks.any(|slot| slot.inputs.iter().any(follows)) {
+            for plant in &mut self.plants {
+                plant.block.leave_out();
+            }
+        }
+    }
+
     /// The least time, in ticks, after which everything falls due together: where trials may begin.
     pub(crate) fn cycle(&self) -> u64 {
         let blocks = self.sensors.iter().chain(&self.controllers);

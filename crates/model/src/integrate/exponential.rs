@@ -1,7 +1,7 @@
 //! An exponential method for motors: stable for any winding.
 
 use super::{Aligned, On, Steps, multiply};
-use crate::dynamics::{Core, Dynamics, Input, Nodes, Work};
+use crate::dynamics::{CORE_INPUT, Core, Dynamics, Input, Nodes, Work};
 use crate::lanewise;
 use crate::lanewise::Lanewise;
 use crate::scalar::{Mask, Scalar};
@@ -37,6 +37,9 @@ pub struct Exponential<T: Scalar> {
 struct Propagator<T> {
     exponential: Vec<T>,
     integral: Vec<T>,
+    /// Where the core is paired, the integral for forward speed and the sum of the currents, and for yaw
+    /// rate and their difference.
+    pairs: Vec<T>,
 }
 
 impl<T: Scalar> Lanewise for Exponential<T> {
@@ -53,7 +56,7 @@ impl<T: Scalar> Lanewise for Exponential<T> {
     }
 }
 
-lanewise!(Propagator {} state { exponential, integral });
+lanewise!(Propagator {} state { exponential, integral, pairs });
 
 /// Shares of the step at Gauss's three nodes, (1 ± √(3/5))/2 and ½, and at its end.
 const SHARES: [f64; 4] = [0.112_701_665_379_258_3, 0.5, 0.887_298_334_620_741_7, 1.0];
@@ -77,6 +80,7 @@ impl<T: Scalar> Exponential<T> {
         let propagator = || Propagator {
             exponential: square(),
             integral: square(),
+            pairs: vec![T::zero(); if system.is_paired() { 8 } else { 0 }],
         };
         let states = || vec![T::zero(); sizes.state];
         let mut method = Exponential {
@@ -127,6 +131,7 @@ impl<T: Scalar> Exponential<T> {
                 propagator,
                 &mut self.scratch,
             );
+            propagator.pair();
         }
     }
 }
@@ -171,6 +176,10 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
         for k in 0..N {
             x.0[k] = self.x[k];
         }
+        let mut held = Aligned([T::zero(); CORE_INPUT]);
+        if let (Some(_), Some(u)) = (system.core(), self.input.held()) {
+            system.core_input(u, &mut held.0);
+        }
         for k in 0..self.count {
             let t = self.dt.mul_add(k as f64, self.t);
             let state: &mut [T] = if N == 0 { &mut *self.x } else { &mut x.0 };
@@ -212,8 +221,8 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, Exponential<T>, I> {
                 }
             };
             // No method of `Option`: what is known of it must stay so.
-            if let (Some(core), Some(u)) = (system.core(), self.input.held()) {
-                nodes_core(system, core, u, self.dt, matrices.1, state, buffers);
+            if let (Some(core), Some(_)) = (system.core(), self.input.held()) {
+                nodes_core(system, core, &held.0, self.dt, matrices.1, state, buffers);
                 continue;
             }
             let from = if N == 0 { method.range.start } else { S::STIFF };
@@ -336,7 +345,7 @@ fn nodes<T: Scalar, S: Dynamics<T>, I: Input<T>>(
 fn nodes_core<T: Scalar, S: Dynamics<T>>(
     system: &S,
     core: Core,
-    u: &[T],
+    held: &[T],
     dt: f64,
     propagators: &[Propagator<T>; 4],
     x: &mut [T],
@@ -350,25 +359,33 @@ fn nodes_core<T: Scalar, S: Dynamics<T>>(
         rest,
     } = buffers;
     let (from, to) = core.summed;
-    let mut limited = system.core_rates(x, u, first);
-    propagators[MIDDLE].lead(&x[from..to], &first[from..to], &mut stage[from..to]);
+    let is_paired = system.is_paired();
+    system.core_enter(core, x, late);
+    for i in core.read() {
+        let at = core.angle(i);
+        late[at + 1] = x[at + 1];
+        late[at + 2] = x[at + 2];
+    }
+    let mut limited = system.core_rates(late, held, first);
+    let begin = &late[from..to];
+    propagators[MIDDLE].lead(is_paired, begin, &first[from..to], &mut stage[from..to]);
     let half = T::from(0.5 * dt);
-    for i in 0..=core.swivels {
+    for i in core.read() {
         let at = core.angle(i);
         turn(x, half * first[at], stage, at);
     }
-    limited = limited.or(system.core_rest(stage, u, middle));
-    limited = limited.or(system.core_rest(x, u, early));
+    limited = limited.or(system.core_rest(stage, held, middle));
+    limited = limited.or(system.core_rest(late, held, early));
     for k in from..to {
         rest[k - from] = first[k] + (middle[k] - early[k]);
     }
-    propagators[0].lead(&x[from..to], rest, &mut before[from..to]);
-    propagators[2].lead(&x[from..to], rest, &mut after[from..to]);
-    propagators[END].lead(&x[from..to], rest, end);
+    propagators[0].lead(is_paired, begin, rest, &mut before[from..to]);
+    propagators[2].lead(is_paired, begin, rest, &mut after[from..to]);
+    propagators[END].lead(is_paired, begin, rest, end);
 
     // The angles at the nodes, with their rates on a straight line from the start through the middle.
     let quarter = T::from(0.25 * dt);
-    for i in 0..=core.swivels {
+    for i in core.read() {
         let at = core.angle(i);
         turn(x, quarter * (first[at] + middle[at]), stage, at);
         for side in 0..2 {
@@ -382,14 +399,16 @@ fn nodes_core<T: Scalar, S: Dynamics<T>>(
             turn(x, turned, node, at);
         }
     }
-    system.core_spins(before, early);
-    system.core_spins(after, late);
+    if !is_paired {
+        system.core_spins(before, early);
+        system.core_spins(after, late);
+    }
     // √(8/5): the weights of Gauss's nodes are 5, 8 and 5 in 18.
     let share = T::from(1.264_911_064_067_351_8);
     for k in from..to {
         stage[k] *= share;
     }
-    for i in 0..=core.swivels {
+    for i in core.read() {
         let at = core.angle(i);
         stage[at + 1] *= share;
         stage[at + 2] *= share;
@@ -398,16 +417,17 @@ fn nodes_core<T: Scalar, S: Dynamics<T>>(
         middle[k] *= share;
     }
     let nodes = Nodes {
-        states: [before, stage, after],
-        rates: [early, middle, late],
+        states: [&*before, &*stage, &*after],
+        rates: [&*early, &*middle, &*late],
         is_simpson: false,
         share,
         weight: T::from(dt * (5.0 / 18.0)),
     };
-    system.gather(&nodes, u, limited, x);
+    system.gather(&nodes, held, limited, x);
     for k in from..to {
-        x[k] = end[k - from];
+        stage[k] = end[k - from];
     }
+    system.core_leave(core, stage, x);
 }
 
 /// Cosine and sine behind an angle, turned by a small one: to second order, which leaves their length.
@@ -420,11 +440,41 @@ fn turn<T: Scalar>(x: &[T], angle: T, turned: &mut [T], at: usize) {
 }
 
 impl<T: Scalar> Propagator<T> {
+    /// Finds the integral of what is paired.
+    fn pair(&mut self) {
+        if self.pairs.is_empty() {
+            return;
+        }
+        let of = |row: usize, column: usize| self.integral[4 * row + column];
+        let pairs = [
+            of(0, 0),
+            of(0, 2),
+            of(2, 0) + of(3, 0),
+            of(2, 2) + of(3, 2),
+            of(1, 1),
+            of(1, 3),
+            of(3, 1) - of(2, 1),
+            of(3, 3) - of(2, 3),
+        ];
+        self.pairs.copy_from_slice(&pairs);
+    }
+
     /// z ← z₀ + (∫ e^{As} ds) rate.
     #[inline(always)]
-    fn lead(&self, start: &[T], rate: &[T], z: &mut [T]) {
+    fn lead(&self, is_paired: bool, start: &[T], rate: &[T], z: &mut [T]) {
         let size = start.len();
         let rate = &rate[..size];
+        if is_paired {
+            // Forward speed with the sum of the currents, yaw rate with their difference.
+            let pairs = &self.pairs[..8];
+            for k in 0..2 {
+                let of = &pairs[4 * k..4 * k + 4];
+                let (speed, current) = (rate[k], rate[k + 2]);
+                z[k] = of[0].mul_add(speed, of[1].mul_add(current, start[k]));
+                z[k + 2] = of[2].mul_add(speed, of[3].mul_add(current, start[k + 2]));
+            }
+            return;
+        }
         for i in 0..size {
             let integral = &self.integral[i * size..(i + 1) * size];
             let mut sum = start[i];

@@ -1,7 +1,7 @@
 //! The classical Runge–Kutta method at a fixed step.
 
 use super::{Aligned, On, Steps};
-use crate::dynamics::{Core, Dynamics, Input, Nodes, Work};
+use crate::dynamics::{CORE_INPUT, Core, Dynamics, Input, Nodes, Work};
 use crate::scalar::{Mask, Scalar};
 use crate::wide::{Job, widest};
 
@@ -78,6 +78,10 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
         let (t, dt) = (self.t, self.dt);
         // No method of `Option`: what is known of it must stay so.
         let core = (system.core(), self.input.held());
+        let mut held = Aligned([T::zero(); CORE_INPUT]);
+        if let (Some(_), Some(u)) = core {
+            system.core_input(u, &mut held.0);
+        }
         if N == 0 {
             let n = self.x.len();
             let RungeKutta4 {
@@ -97,7 +101,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
             let (inner, last) = (&mut inner[..n], &mut last[..n]);
             for k in 0..self.count {
                 let t = dt.mul_add(k as f64, t);
-                if let (Some(core), Some(u)) = core {
+                if let (Some(core), Some(_)) = core {
                     let buffers = [
                         &mut *slope,
                         &mut *sum,
@@ -107,7 +111,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
                         inner,
                         last,
                     ];
-                    step_core(system, core, u, dt, self.x, buffers);
+                    step_core(system, core, &held.0, dt, self.x, buffers);
                 } else {
                     let buffers = [&mut *slope, &mut *sum, &mut *stage];
                     step(
@@ -127,7 +131,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
             let u = &mut self.method.input;
             for k in 0..self.count {
                 let t = dt.mul_add(k as f64, t);
-                if let (Some(core), Some(u)) = core {
+                if let (Some(core), Some(_)) = core {
                     let buffers = [
                         &mut slope.0[..],
                         &mut sum.0[..],
@@ -137,7 +141,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
                         &mut inner.0[..],
                         &mut last.0[..],
                     ];
-                    step_core(system, core, u, dt, &mut x.0, buffers);
+                    step_core(system, core, &held.0, dt, &mut x.0, buffers);
                 } else {
                     let buffers = [&mut slope.0[..], &mut sum.0[..], &mut stage.0[..]];
                     step(
@@ -160,7 +164,7 @@ impl<T: Scalar, I: Input<T>> Steps<'_, T, RungeKutta4<T>, I> {
 fn step_core<T: Scalar, S: Dynamics<T>>(
     system: &S,
     core: Core,
-    u: &[T],
+    held: &[T],
     dt: f64,
     x: &mut [T],
     [slope, outer, stage, start, middle, inner, last]: [&mut [T]; 7],
@@ -168,34 +172,37 @@ fn step_core<T: Scalar, S: Dynamics<T>>(
     let (from, to) = core.summed;
     let (half, whole) = (T::from(0.5 * dt), T::from(dt));
     let sixth = T::from(dt * (1.0 / 6.0));
-    let mut limited = system.core_rates(x, u, outer);
-    for k in from..to {
-        start[k] = x[k];
-        stage[k] = half.mul_add(outer[k], x[k]);
-    }
-    for i in 0..=core.swivels {
+    system.core_enter(core, x, start);
+    for i in core.read() {
         let at = core.angle(i);
-        let turned = half * outer[at];
         start[at + 1] = x[at + 1];
         start[at + 2] = x[at + 2];
+    }
+    let mut limited = system.core_rates(start, held, outer);
+    for k in from..to {
+        stage[k] = half.mul_add(outer[k], start[k]);
+    }
+    for i in core.read() {
+        let at = core.angle(i);
+        let turned = half * outer[at];
         stage[at + 1] = (-turned).mul_add(x[at + 2], x[at + 1]);
         stage[at + 2] = turned.mul_add(x[at + 1], x[at + 2]);
     }
-    limited = limited.or(system.core_rates(stage, u, inner));
+    limited = limited.or(system.core_rates(stage, held, inner));
     for k in from..to {
-        middle[k] = half.mul_add(inner[k], x[k]);
+        middle[k] = half.mul_add(inner[k], start[k]);
     }
-    for i in 0..=core.swivels {
+    for i in core.read() {
         let at = core.angle(i);
         let turned = half * inner[at];
         middle[at + 1] = (-turned).mul_add(stage[at + 2], x[at + 1]);
         middle[at + 2] = turned.mul_add(stage[at + 1], x[at + 2]);
     }
-    limited = limited.or(system.core_rates(middle, u, slope));
+    limited = limited.or(system.core_rates(middle, held, slope));
     for k in from..to {
-        last[k] = whole.mul_add(slope[k], x[k]);
+        last[k] = whole.mul_add(slope[k], start[k]);
     }
-    for i in 0..=core.swivels {
+    for i in core.read() {
         let at = core.angle(i);
         let turned = whole * slope[at];
         last[at + 1] = (-turned).mul_add(middle[at + 2], x[at + 1]);
@@ -206,7 +213,7 @@ fn step_core<T: Scalar, S: Dynamics<T>>(
         middle[k] += stage[k];
         inner[k] += slope[k];
     }
-    for i in 0..=core.swivels {
+    for i in core.read() {
         let at = core.angle(i);
         middle[at + 1] += stage[at + 1];
         middle[at + 2] += stage[at + 2];
@@ -214,19 +221,20 @@ fn step_core<T: Scalar, S: Dynamics<T>>(
     for k in core.spins.0..core.spins.1 {
         inner[k] += slope[k];
     }
-    limited = limited.or(system.core_rates(last, u, slope));
+    limited = limited.or(system.core_rates(last, held, slope));
     let nodes = Nodes {
-        states: [start, middle, last],
-        rates: [outer, inner, slope],
+        states: [&*start, &*middle, &*last],
+        rates: [&*outer, &*inner, &*slope],
         is_simpson: true,
         share: T::from(2.0),
         weight: sixth,
     };
-    system.gather(&nodes, u, limited, x);
+    system.gather(&nodes, held, limited, x);
     for k in from..to {
         let sum = (outer[k] + slope[k]) + (inner[k] + inner[k]);
-        x[k] = sixth.mul_add(sum, x[k]);
+        stage[k] = sixth.mul_add(sum, start[k]);
     }
+    system.core_leave(core, stage, x);
 }
 
 #[inline(always)]

@@ -1,18 +1,22 @@
 //! Platforms of constant geometry, multiplied out, with sizes that the compiler knows: no loop of a
 //! step is left to run time. `[eq:constant-geometry]`
 
+mod paired;
 mod shapes;
 
 use super::axle::{Action, Axle, Supply};
 use super::{Constant, Rolling, is_zero};
 use crate::drive::{Drive, Winding};
-use crate::dynamics::{Core, Nodes, product};
+use crate::dynamics::{CORE_INPUT, Core, Nodes, product};
 use crate::lanewise;
 use crate::planar::{Vec2, vec2};
 use crate::platform::{LEDGER, MAX_WHEELS, POSE, WheelOutput, YAW, renew_angle};
 use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, times, zero_row};
 
+use paired::Pair;
+
+pub(super) use paired::{core_enter, core_leave};
 pub(super) use shapes::{Shape, core_rates, core_rest, derivative, gather, motion, output};
 
 /// The equations of a platform of constant geometry: U velocity coordinates, W wheels that take part
@@ -38,6 +42,8 @@ pub(super) struct Compiled<T, const U: usize, const W: usize, const M: usize, co
     feeds: [Feed<T, U>; M],
     /// Deceleration per velocity by viscous friction.
     drag: [[T; U]; U],
+    /// What that comes to where two wheels are alike.
+    pair: Option<Pair<T>>,
     /// The wheels that take part, as indices.
     wheels: [usize; W],
     /// The casters that follow, and which wheels they are.
@@ -146,6 +152,7 @@ lanewise!(Compiled[U, W, M, K] {} state {
     windings,
     feeds,
     drag,
+    pair,
     followers,
     bulk
 });
@@ -264,6 +271,30 @@ impl<T: Scalar> Bill<T> {
     }
 }
 
+/// Where a core's input holds the voltages over L, or of a pair those of sum and difference, with sum and
+/// difference before them; and the external wrench.
+const RISE: usize = 4;
+const SUMS: usize = 2;
+const WRENCH: usize = 8;
+
+/// The external wrench of a core's input, where there is one.
+#[inline(always)]
+fn pushed_by<T: Scalar, const PLAIN: bool>(held: &[T]) -> Option<[T; 3]> {
+    if PLAIN {
+        return None;
+    }
+    acting([held[WRENCH], held[WRENCH + 1], held[WRENCH + 2]])
+}
+
+/// A wrench, where there is one.
+#[inline(always)]
+fn acting<T: Scalar>(outside: [T; 3]) -> Option<[T; 3]> {
+    let alone = is_zero(outside[0])
+        .and(is_zero(outside[1]))
+        .and(is_zero(outside[2]));
+    alone.not().any().then_some(outside)
+}
+
 /// Sum of products of two short rows.
 #[inline(always)]
 fn along<T: Scalar, const N: usize>(a: &[T; N], b: &[T; N]) -> T {
@@ -347,7 +378,8 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
                 }
             }
         }
-        Some(Box::new(Compiled {
+        let mut compiled = Box::new(Compiled {
+            pair: None,
             twist: [short(&origin[0]), short(&origin[1]), short(&yaw)],
             feeds: core::array::from_fn(|w| Feed::new(&windings[w], &push[w])),
             spin,
@@ -362,7 +394,9 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             wheels,
             followers,
             casters,
-        }))
+        });
+        compiled.pair = Pair::new(&compiled, platform);
+        Some(compiled)
     }
 
     const CURRENTS: usize = POSE + U;
@@ -383,16 +417,36 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
 
     /// The external wrench, where there is one.
     #[inline(always)]
-    fn wrench<const PLAIN: bool>(&self, rolling: &Rolling<T>, u: &[T]) -> Option<[T; 3]> {
-        if PLAIN {
-            return None;
+    fn wrench(&self, rolling: &Rolling<T>, u: &[T]) -> Option<[T; 3]> {
+        let at = rolling.platform.layout().wrench_input();
+        acting([u[at], u[at + 1], u[at + 2]])
+    }
+
+    /// See [`Dynamics::core_input`].
+    #[inline(always)]
+    fn core_input(
+        &self,
+        rolling: &Rolling<T>,
+        is_paired: bool,
+        u: &[T],
+        held: &mut [T; CORE_INPUT],
+    ) {
+        for w in 0..M {
+            let winding = &self.windings[w];
+            held[w] = winding.supplied_voltage(u[self.wheels[w]]);
+            held[RISE + w] = winding.slope * held[w];
+        }
+        if is_paired {
+            let both = [held[0] + held[1], held[1] - held[0]];
+            for k in 0..2 {
+                held[SUMS + k] = both[k];
+                held[RISE + k] = self.windings[0].slope * both[k];
+            }
         }
         let at = rolling.platform.layout().wrench_input();
-        let outside = [u[at], u[at + 1], u[at + 2]];
-        let alone = is_zero(outside[0])
-            .and(is_zero(outside[1]))
-            .and(is_zero(outside[2]));
-        alone.not().any().then_some(outside)
+        for axis in 0..3 {
+            held[WRENCH + axis] = u[at + axis];
+        }
     }
 
     /// Adds the accelerations by gravity and the external wrench.
@@ -446,7 +500,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     fn derivative(&self, rolling: &Rolling<T>, x: &[T], u: &[T], mode: &[T], dx: &mut [T]) {
         let (v, velocity, yaw_rate) = self.motion(x);
         let brake = u[rolling.platform.layout().brake_input()];
-        let wrench = self.wrench::<false>(rolling, u);
+        let wrench = self.wrench(rolling, u);
         let mut v_rate = self.drift(rolling, x, &v, yaw_rate, &wrench);
         // Plain products: their sum over two wheels is the same whichever comes first, so that a
         // mirrored robot moves as its mirror image to the last bit.
@@ -510,7 +564,17 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         spins: (Self::SPINS, Self::SPINS + M),
         angles: (YAW, Self::SWIVELS),
         swivels: K,
+        turns: true,
     };
+
+    /// The same where wheels are alike; on level ground the heading is no part of it.
+    const fn paired_core(is_plain: bool) -> Core {
+        Core {
+            spins: (Self::SPINS, Self::SPINS),
+            turns: !is_plain,
+            ..Self::CORE
+        }
+    }
 
     /// The velocity coordinates of a state; the last is the yaw rate, see `new`.
     #[inline(always)]
@@ -547,23 +611,22 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     /// What voltage and back-EMF do to the currents, A/s, at given rates of the wheels: for all within
     /// the window of the limit, and what the limit takes from the others; and which these are.
     #[inline(always)]
-    fn feed(&self, u: &[T], rates: &[T]) -> ([T; M], [T; M], T::Mask) {
+    fn feed(&self, held: &[T], rates: &[T]) -> ([T; M], [T; M], T::Mask) {
         let [mut driven, mut taken] = [[T::zero(); M]; 2];
         let mut over = [T::Mask::splat(false); M];
         let mut limited = T::Mask::splat(false);
         for w in 0..M {
             let feed = &self.feeds[w];
-            let voltage = self.windings[w].supplied_voltage(u[self.wheels[w]]);
-            driven[w] = (-feed.emf).mul_add(rates[Self::SPINS + w], feed.slope * voltage);
+            driven[w] = (-feed.emf).mul_add(rates[Self::SPINS + w], held[RISE + w]);
             over[w] = feed.window.less(driven[w].abs());
             limited = limited.or(over[w]);
         }
         if limited.any() {
             for w in 0..M {
                 let winding = &self.windings[w];
-                let command = u[self.wheels[w]];
+                let command = held[w];
                 let limit = winding.terminal_voltage(command, winding.emf * rates[Self::SPINS + w]);
-                let missing = winding.slope * (limit - winding.supplied_voltage(command));
+                let missing = winding.slope * (limit - command);
                 taken[w] = T::select(over[w], missing, T::zero());
                 driven[w] = T::select(over[w], driven[w] + missing, driven[w]);
             }
@@ -595,11 +658,11 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         &self,
         rolling: &Rolling<T>,
         x: &[T],
-        u: &[T],
+        held: &[T],
         rates: &mut [T],
     ) -> T::Mask {
         self.angle_rates(x, rates);
-        let (driven, _, limited) = self.feed(u, rates);
+        let (driven, _, limited) = self.feed(held, rates);
         // Plain products: their sum over two wheels is the same whichever comes first, so that a
         // mirrored robot moves as its mirror image to the last bit.
         let mut v_rate = [T::zero(); U];
@@ -613,7 +676,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             }
         }
         self.slow::<true>(&Self::velocities(x), &mut v_rate);
-        let wrench = self.wrench::<PLAIN>(rolling, u);
+        let wrench = pushed_by::<T, PLAIN>(held);
         self.lean::<PLAIN>(rolling, x, &wrench, &mut v_rate);
         for k in 0..U {
             rates[POSE + k] = v_rate[k];
@@ -627,11 +690,11 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         &self,
         rolling: &Rolling<T>,
         x: &[T],
-        u: &[T],
+        held: &[T],
         rest: &mut [T],
     ) -> T::Mask {
         self.angle_rates(x, rest);
-        let (_, taken, limited) = self.feed(u, rest);
+        let (_, taken, limited) = self.feed(held, rest);
         for w in 0..M {
             rest[Self::CURRENTS + w] = taken[w];
         }
@@ -648,9 +711,8 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
     #[inline(always)]
     fn gather<const PLAIN: bool>(
         &self,
-        rolling: &Rolling<T>,
         nodes: &Nodes<'_, T>,
-        u: &[T],
+        held: &[T],
         limited: T::Mask,
         x: &mut [T],
     ) {
@@ -669,8 +731,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let mut bill = Bill::new();
         for w in 0..M {
             let winding = &self.windings[w];
-            let voltage = winding.supplied_voltage(u[self.wheels[w]]);
-            bill.supplied += voltage * nodes.sum(current[w]);
+            bill.supplied += held[w] * nodes.sum(current[w]);
             bill.windings += winding.resistance * product(current[w], current[w]);
         }
         for w in 0..M {
@@ -686,19 +747,19 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
             let mut missing = T::zero();
             for w in 0..M {
                 let winding = &self.windings[w];
-                let command = u[self.wheels[w]];
+                let command = held[w];
                 let mut voltage = [T::zero(); 3];
                 for node in 0..3 {
                     let share = if node == 1 { nodes.share } else { T::one() };
                     let emf = winding.emf * (rate[w][node] / share);
                     let limit = winding.terminal_voltage(command, emf);
-                    voltage[node] = share * (limit - winding.supplied_voltage(command));
+                    voltage[node] = share * (limit - command);
                 }
                 missing += product(voltage, current[w]);
             }
             bill.supplied += T::select(limited, missing, T::zero());
         }
-        if let Some(outside) = self.wrench::<PLAIN>(rolling, u) {
+        if let Some(outside) = pushed_by::<T, PLAIN>(held) {
             for axis in 0..3 {
                 let mut moved = [T::zero(); 3];
                 for node in 0..3 {
@@ -714,21 +775,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         }
 
         let turned = weight * nodes.sum(nodes.state(POSE + U - 1));
-        for k in 0..K {
-            let follower = &self.followers[k];
-            let at = Self::SWIVELS + 3 * k;
-            let (cos, sin) = (nodes.state(at + 1), nodes.state(at + 2));
-            // Both are products of a direction and a velocity.
-            let (mut across, mut forward) = follower.speeds(cos[0], sin[0], &v[0]);
-            for node in 1..3 {
-                let more = follower.speeds(cos[node], sin[node], &v[node]);
-                across += more.0;
-                forward += more.1;
-            }
-            x[at] += (weight * follower.per_trail).mul_add(across, -turned);
-            let at = Self::SPINS + W + k;
-            x[at] = (weight * follower.per_radius).mul_add(forward, x[at]);
-        }
+        self.follow_nodes(nodes, turned, x);
 
         // The last velocity coordinate turns P about a point of the robot: exactly a part of a circle.
         let (cos, sin) = (nodes.state(YAW + 1), nodes.state(YAW + 2));
@@ -749,6 +796,31 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let swung = arm.rotated(x[YAW + 1] - before_cos, x[YAW + 2] - before_sin);
         x[0] += weight.mul_add(way.x, swung.x);
         x[1] += weight.mul_add(way.y, swung.y);
+    }
+
+    /// Turns the casters over a step in which the robot turns by an angle, rad.
+    #[inline(always)]
+    fn follow_nodes(&self, nodes: &Nodes<'_, T>, turned: T, x: &mut [T]) {
+        let weight = nodes.weight;
+        let mut v = [[T::zero(); U]; 3];
+        for node in 0..3 {
+            v[node] = Self::velocities(nodes.states[node]);
+        }
+        for k in 0..K {
+            let follower = &self.followers[k];
+            let at = Self::SWIVELS + 3 * k;
+            let (cos, sin) = (nodes.state(at + 1), nodes.state(at + 2));
+            // Both are products of a direction and a velocity.
+            let (mut across, mut forward) = follower.speeds(cos[0], sin[0], &v[0]);
+            for node in 1..3 {
+                let more = follower.speeds(cos[node], sin[node], &v[node]);
+                across += more.0;
+                forward += more.1;
+            }
+            x[at] += (weight * follower.per_trail).mul_add(across, -turned);
+            let at = Self::SPINS + W + k;
+            x[at] = (weight * follower.per_radius).mul_add(forward, x[at]);
+        }
     }
 
     /// As [`Rolling::any_motion`], where no wheel can stick.
@@ -781,7 +853,7 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize>
         let bulk = &self.bulk;
         let (v, velocity, yaw_rate) = self.motion(x);
         let brake = u[layout.brake_input()];
-        let wrench = self.wrench::<false>(rolling, u);
+        let wrench = self.wrench(rolling, u);
         let mut v_rate = self.drift(rolling, x, &v, yaw_rate, &wrench);
         let mut torques = [T::zero(); W];
         let mut magnetic = T::zero();

@@ -461,3 +461,147 @@ fn invariant_contacts_do_not_slip() {
     }
     assert!(matches!(platform.wheels()[0].drive, Drive::Torque { .. }));
 }
+
+/// Motors with a limit of current that is met, on a robot with one caster or none.
+fn alike(caster: bool) -> Platform<f64> {
+    let mut robot = Differential {
+        viscous: 2e-3,
+        drive: motor(2e-3),
+        ..SLEIGH
+    };
+    if let Drive::DcMotor(motor) = &mut robot.drive {
+        motor.current_max = 6.0;
+        motor.gear_efficiency = 0.8;
+    }
+    let platform = robot.platform();
+    let mut wheels = platform.wheels().to_vec();
+    if caster {
+        let follower = Wheel {
+            name: "caster".into(),
+            mount: vec2(-0.2, 0.03),
+            steering: Steering::Free { trail: 0.03 },
+            spin_inertia: 0.0,
+            viscous: 0.0,
+            drive: Drive::None,
+            ..wheels[0].clone()
+        };
+        wheels.push(follower);
+    }
+    Platform::new(*platform.body(), wheels).expect("a platform")
+}
+
+/// Wheels that are alike are stepped by sum and difference, others one by one, and both come to what the
+/// method with error control says, which knows neither.
+#[test]
+fn peer_alike_wheels_with_error_control() {
+    for caster in [false, true] {
+        for (ground, tolerance) in [
+            (Ground::flat(9.81), 2e-8),
+            (Ground::plane(9.81, 0.1, 0.5), 2e-8),
+        ] {
+            let platform = alike(caster);
+            let mut wheels = platform.wheels().to_vec();
+            wheels[1].viscous *= 1.0 + 4.0 * f64::EPSILON;
+            let unlike = Platform::new(*platform.body(), wheels).expect("a platform");
+            let paired = Rolling::new(platform, ground);
+            let apart = Rolling::new(unlike, ground);
+            assert!(paired.is_paired() && !apart.is_paired());
+            let mut u = vec![0.0; paired.sizes().input];
+            (u[0], u[1]) = (9.0, 6.5);
+            let mut x = vec![0.0; paired.sizes().state];
+            x[YAW] = 0.4;
+            paired.platform().renew_angles(&mut x);
+            let (truth, _) = integrate(&paired, &x, &u, 1.5, Method::Adaptive(1e-13));
+            for method in [Method::Rk4(5e-4), Method::Exponential(5e-4)] {
+                let (together, _) = integrate(&paired, &x, &u, 1.5, method);
+                let (one_by_one, _) = integrate(&apart, &x, &u, 1.5, method);
+                let limit = match method {
+                    // The limit of current is met at first: there its order is one less.
+                    Method::Exponential(_) => 1e-4,
+                    _ => 1e-5,
+                };
+                let scale = truth
+                    .iter()
+                    .fold(1.0_f64, |most, value| most.max(value.abs()));
+                for k in 0..x.len() {
+                    assert!(
+                        (together[k] - one_by_one[k]).abs() < tolerance * scale,
+                        "{caster} {method:?} {k}: {} and {}",
+                        together[k],
+                        one_by_one[k]
+                    );
+                    assert!(
+                        (together[k] - truth[k]).abs() < limit * scale,
+                        "{caster} {method:?} {k}: {} and {}",
+                        together[k],
+                        truth[k]
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Energies and angles of wheels are left out where nobody reads them; the rest keeps its bits, in
+/// every lane.
+#[test]
+fn invariant_what_is_left_out_changes_no_other_bit() {
+    struct Left {
+        exponential: bool,
+        caster: bool,
+    }
+
+    impl AnyLanes for Left {
+        type Output = ();
+
+        fn run<T: Scalar<Single = f64>>(self) {
+            let platform = alike(self.caster).map(&mut |_, number: f64| T::from(number));
+            let whole = Rolling::new(platform, Ground::flat(T::from(9.81)));
+            let mut bare = whole.clone();
+            bare.leave_out();
+            let sizes = whole.sizes();
+            let mut u = vec![T::zero(); sizes.input];
+            (u[0], u[1]) = (T::from(9.0), T::from_lanes(|lane| 6.5 + 0.1 * lane as f64));
+            let start = {
+                let mut x = vec![T::zero(); sizes.state];
+                whole.platform().renew_angles(&mut x);
+                x
+            };
+            let run = |system: &Rolling<T>| {
+                let (mut x, mut mode) = (start.clone(), vec![T::one(); sizes.mode]);
+                let held = Held(&u[..]);
+                if self.exponential {
+                    let mut method = Exponential::new(system, 1e-3).expect("motors are linear");
+                    method.steps(system, &held, 0.0, 1e-3, 800, &mut x, &mut mode);
+                } else {
+                    let mut method = RungeKutta4::new(sizes.state, sizes.input);
+                    method.steps(system, &held, 0.0, 1e-3, 800, &mut x, &mut mode);
+                }
+                x
+            };
+            let (kept, left) = (run(&whole), run(&bare));
+            let at = whole.platform().layout().ledger();
+            for k in (0..at).chain(at + 6..sizes.state) {
+                assert_eq!(kept[k], left[k], "state {k} of {}", T::LANES);
+            }
+            // Not by chance: it is left out where there are twins.
+            if T::LANES > 1 {
+                assert!(left[at..at + 6].iter().all(|value| *value == T::zero()));
+                assert!(kept[at..at + 6].iter().all(|value| *value != T::zero()));
+            }
+        }
+    }
+
+    for exponential in [false, true] {
+        for caster in [false, true] {
+            for lanes in [1, 4, 8] {
+                let left = || Left {
+                    exponential,
+                    caster,
+                };
+                dispatch(lanes, left());
+                narrow::dispatch(2 * lanes, left());
+            }
+        }
+    }
+}

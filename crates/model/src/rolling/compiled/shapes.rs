@@ -1,13 +1,14 @@
 //! The sizes of platforms that are compiled, and how one of them is found and entered.
 
-use super::Compiled;
-use crate::dynamics::{Core, Dynamics, Nodes, Sizes, Work};
+use super::{Compiled, core_enter, core_leave};
+use crate::dynamics::{CORE_INPUT, Core, Dynamics, Nodes, Sizes, Work};
 use crate::lanewise::Lanewise;
 use crate::platform::{LEDGER, POSE, YAW, renew_angle, straighten};
 use crate::rolling::{Constant, Rolling};
 use crate::scalar::Scalar;
 
-/// A [`Rolling`] whose sizes the compiler knows, PLAIN as for [`Compiled::core_rates`].
+/// A [`Rolling`] whose sizes the compiler knows, PLAIN as for [`Compiled::core_rates`], PAIRED where its
+/// wheels are alike, BARE as for [`Compiled::paired_gather`].
 struct Twin<
     'a,
     T: Scalar,
@@ -16,13 +17,23 @@ struct Twin<
     const M: usize,
     const K: usize,
     const PLAIN: bool,
+    const PAIRED: bool,
+    const BARE: bool,
 > {
     rolling: &'a Rolling<T>,
     compiled: &'a Compiled<T, U, W, M, K>,
 }
 
-impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, const PLAIN: bool>
-    Dynamics<T> for Twin<'_, T, U, W, M, K, PLAIN>
+impl<
+    T: Scalar,
+    const U: usize,
+    const W: usize,
+    const M: usize,
+    const K: usize,
+    const PLAIN: bool,
+    const PAIRED: bool,
+    const BARE: bool,
+> Dynamics<T> for Twin<'_, T, U, W, M, K, PLAIN, PAIRED, BARE>
 {
     const STIFF: usize = POSE;
     // Heading, velocities and currents; the angles of the casters.
@@ -65,27 +76,63 @@ impl<T: Scalar, const U: usize, const W: usize, const M: usize, const K: usize, 
     #[inline(always)]
     fn core(&self) -> Option<Core> {
         if M > 0 && (PLAIN || self.rolling.is_gathered) {
-            Some(Compiled::<T, U, W, M, K>::CORE)
+            if PAIRED {
+                Some(Compiled::<T, U, W, M, K>::paired_core(PLAIN))
+            } else {
+                Some(Compiled::<T, U, W, M, K>::CORE)
+            }
         } else {
             None
         }
     }
     #[inline(always)]
-    fn core_rates(&self, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
-        self.compiled.core_rates::<PLAIN>(self.rolling, x, u, rates)
+    fn is_paired(&self) -> bool {
+        PAIRED
     }
     #[inline(always)]
-    fn core_rest(&self, x: &[T], u: &[T], rest: &mut [T]) -> T::Mask {
-        self.compiled.core_rest::<PLAIN>(self.rolling, x, u, rest)
+    fn core_input(&self, u: &[T], held: &mut [T; CORE_INPUT]) {
+        self.compiled.core_input(self.rolling, PAIRED, u, held);
+    }
+    #[inline(always)]
+    fn core_enter(&self, core: Core, x: &[T], stage: &mut [T]) {
+        core_enter(PAIRED, core, x, stage);
+    }
+    #[inline(always)]
+    fn core_leave(&self, core: Core, stage: &[T], x: &mut [T]) {
+        core_leave(PAIRED, core, stage, x);
+    }
+    #[inline(always)]
+    fn core_rates(&self, x: &[T], held: &[T], rates: &mut [T]) -> T::Mask {
+        if PAIRED {
+            self.compiled
+                .paired_rates::<PLAIN>(self.rolling, x, held, rates)
+        } else {
+            self.compiled
+                .core_rates::<PLAIN>(self.rolling, x, held, rates)
+        }
+    }
+    #[inline(always)]
+    fn core_rest(&self, x: &[T], held: &[T], rest: &mut [T]) -> T::Mask {
+        if PAIRED {
+            self.compiled
+                .paired_rest::<PLAIN>(self.rolling, x, held, rest)
+        } else {
+            self.compiled
+                .core_rest::<PLAIN>(self.rolling, x, held, rest)
+        }
     }
     #[inline(always)]
     fn core_spins(&self, x: &[T], rates: &mut [T]) {
         self.compiled.core_spins(x, rates);
     }
     #[inline(always)]
-    fn gather(&self, nodes: &Nodes<'_, T>, u: &[T], limited: T::Mask, x: &mut [T]) {
-        self.compiled
-            .gather::<PLAIN>(self.rolling, nodes, u, limited, x);
+    fn gather(&self, nodes: &Nodes<'_, T>, held: &[T], limited: T::Mask, x: &mut [T]) {
+        if PAIRED {
+            self.compiled
+                .paired_gather::<PLAIN, BARE>(nodes, held, limited, x);
+        } else {
+            self.compiled.gather::<PLAIN>(nodes, held, limited, x);
+        }
     }
     #[inline(always)]
     fn straighten(&self, stage: &mut [T]) {
@@ -142,26 +189,55 @@ macro_rules! shapes {
             }
 
             /// See [`Dynamics::core`], where all wheels have motors.
-            pub(in crate::rolling) fn core(&self) -> Option<Core> {
+            pub(in crate::rolling) fn core(&self, is_paired: bool) -> Option<Core> {
                 match self {
-                    $(Shape::$name(_) => ($m > 0).then_some(Compiled::<T, $u, $w, $m, $k>::CORE),)*
+                    $(Shape::$name(_) => match ($m, is_paired) {
+                        (0, _) => None,
+                        (_, false) => Some(Compiled::<T, $u, $w, $m, $k>::CORE),
+                        (_, true) => Some(Compiled::<T, $u, $w, $m, $k>::paired_core(false)),
+                    },)*
+                }
+            }
+
+            /// Whether its two driven wheels are alike.
+            pub(in crate::rolling) fn pairs(&self) -> bool {
+                match self {
+                    $(Shape::$name(compiled) => compiled.pair.is_some(),)*
                 }
             }
 
             #[inline(always)]
-            fn core_rates(&self, rolling: &Rolling<T>, x: &[T], u: &[T], rates: &mut [T]) -> T::Mask {
+            pub(in crate::rolling) fn core_input(
+                &self,
+                rolling: &Rolling<T>,
+                u: &[T],
+                held: &mut [T; CORE_INPUT],
+            ) {
                 match self {
                     $(Shape::$name(compiled) => {
-                        compiled.core_rates::<false>(rolling, x, u, rates)
+                        compiled.core_input(rolling, rolling.is_paired, u, held);
                     })*
                 }
             }
 
             #[inline(always)]
-            fn core_rest(&self, rolling: &Rolling<T>, x: &[T], u: &[T], rest: &mut [T]) -> T::Mask {
+            fn core_rates(&self, rolling: &Rolling<T>, x: &[T], held: &[T], rates: &mut [T]) -> T::Mask {
                 match self {
-                    $(Shape::$name(compiled) => {
-                        compiled.core_rest::<false>(rolling, x, u, rest)
+                    $(Shape::$name(compiled) => if const { $w == 2 && $m == 2 } && rolling.is_paired {
+                        compiled.paired_rates::<false>(rolling, x, held, rates)
+                    } else {
+                        compiled.core_rates::<false>(rolling, x, held, rates)
+                    })*
+                }
+            }
+
+            #[inline(always)]
+            fn core_rest(&self, rolling: &Rolling<T>, x: &[T], held: &[T], rest: &mut [T]) -> T::Mask {
+                match self {
+                    $(Shape::$name(compiled) => if const { $w == 2 && $m == 2 } && rolling.is_paired {
+                        compiled.paired_rest::<false>(rolling, x, held, rest)
+                    } else {
+                        compiled.core_rest::<false>(rolling, x, held, rest)
                     })*
                 }
             }
@@ -178,13 +254,15 @@ macro_rules! shapes {
                 &self,
                 rolling: &Rolling<T>,
                 nodes: &Nodes<'_, T>,
-                u: &[T],
+                held: &[T],
                 limited: T::Mask,
                 x: &mut [T],
             ) {
                 match self {
-                    $(Shape::$name(compiled) => {
-                        compiled.gather::<false>(rolling, nodes, u, limited, x)
+                    $(Shape::$name(compiled) => if const { $w == 2 && $m == 2 } && rolling.is_paired {
+                        compiled.paired_gather::<false, false>(nodes, held, limited, x)
+                    } else {
+                        compiled.gather::<false>(nodes, held, limited, x)
                     })*
                 }
             }
@@ -235,13 +313,26 @@ macro_rules! shapes {
                     // A twin for motors is worth its size twice, one for torques once; of many lanes
                     // those with motors alone, for each takes seconds to compile. What a constant
                     // leaves out is not compiled at all.
-                    $(Shape::$name(compiled) => if $m > 0 && plain {
-                        let twin = Twin::<_, $u, $w, $m, $k, true> { rolling, compiled };
+                    $(Shape::$name(compiled) => if const { $w == 2 && $m == 2 }
+                        && plain
+                        && rolling.is_paired
+                        && rolling.is_bare
+                    {
+                        let twin = Twin::<_, $u, $w, $m, $k, true, true, true> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    } else if const { $w == 2 && $m == 2 } && plain && rolling.is_paired {
+                        let twin = Twin::<_, $u, $w, $m, $k, true, true, false> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
+                    } else if $m > 0 && plain {
+                        let twin = Twin::<_, $u, $w, $m, $k, true, false, false> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
                     } else if const { T::LANES > 1 || ($m == 0 && J::FOR_MOTORS) } {
                         job.run::<0, 0, _>(rolling)
+                    } else if const { $w == 2 && $m == 2 } && rolling.is_paired {
+                        let twin = Twin::<_, $u, $w, $m, $k, false, true, false> { rolling, compiled };
+                        job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
                     } else {
-                        let twin = Twin::<_, $u, $w, $m, $k, false> { rolling, compiled };
+                        let twin = Twin::<_, $u, $w, $m, $k, false, false, false> { rolling, compiled };
                         job.run::<{ POSE + $u + $m + LEDGER + $w + 4 * $k }, { $u + $m }, _>(&twin)
                     },)*
                 }
@@ -270,10 +361,10 @@ fused! {
         shape: &Shape<T>,
         rolling: &Rolling<T>,
         x: &[T],
-        u: &[T],
+        held: &[T],
         rates: &mut [T],
     ) -> T::Mask {
-        shape.core_rates(rolling, x, u, rates)
+        shape.core_rates(rolling, x, held, rates)
     }
 }
 
@@ -283,10 +374,10 @@ fused! {
         shape: &Shape<T>,
         rolling: &Rolling<T>,
         x: &[T],
-        u: &[T],
+        held: &[T],
         rest: &mut [T],
     ) -> T::Mask {
-        shape.core_rest(rolling, x, u, rest)
+        shape.core_rest(rolling, x, held, rest)
     }
 }
 
@@ -296,11 +387,11 @@ fused! {
         shape: &Shape<T>,
         rolling: &Rolling<T>,
         nodes: &Nodes<'_, T>,
-        u: &[T],
+        held: &[T],
         limited: T::Mask,
         x: &mut [T],
     ) {
-        shape.gather(rolling, nodes, u, limited, x);
+        shape.gather(rolling, nodes, held, limited, x);
     }
 }
 
