@@ -159,6 +159,9 @@ pub struct RunOptions {
     /// them.
     #[arg(long)]
     pub trust_native: bool,
+    /// Precision of the numbers: f32 gives the bits of a trial of a batch in that precision.
+    #[arg(long, value_enum, default_value = "f64", conflicts_with_all = ["watch", "pace"])]
+    pub precision: Precision,
     /// Run in step with the clock, and replace a plug-in when its file changes; a line `ROBOT NAME` on the
     /// standard input lets the controller or model of that name take over.
     #[arg(long)]
@@ -357,6 +360,24 @@ impl From<Sampling> for appell_sim::scenario::Sampling {
     }
 }
 
+/// Precision of the numbers that a run is computed with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Precision {
+    /// Double: sixteen digits.
+    F64,
+    /// Single: seven digits, for speed.
+    F32,
+}
+
+impl From<Precision> for appell_sim::scenario::Precision {
+    fn from(precision: Precision) -> Self {
+        match precision {
+            Precision::F64 => Self::F64,
+            Precision::F32 => Self::F32,
+        }
+    }
+}
+
 /// Options of `sensitivity`.
 #[derive(Args)]
 pub struct SensitivityOptions {
@@ -400,11 +421,15 @@ pub struct BatchOptions {
     /// How the draws of all trials lie together [default: random, or as in the file].
     #[arg(long, value_enum)]
     pub sampling: Option<Sampling>,
+    /// Precision of the numbers: f64, or f32 with seven digits and twice as many trials side by side
+    /// [default: f64, or as in the file].
+    #[arg(long, value_enum)]
+    pub precision: Option<Precision>,
     /// Threads; all cores if left out. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
-    /// Trials that a thread runs side by side: 1, 4 or 8; as many as the processor's registers hold
-    /// if left out. The rows are the same.
+    /// Trials that a thread runs side by side: 1, 4 or 8, of single precision 1, 8 or 16; as many as the
+    /// processor's registers hold if left out. The rows are the same.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
     pub lanes: Option<u8>,
     /// Run one share of the batch only, such as 3/16; `appell batch merge` joins the folders.

@@ -6,9 +6,9 @@ use std::sync::Mutex;
 use appell_sim::batch::{
     self, Batch, BatchError, BatchSummary, Crew, Picture, Shard, Store, Trials, VariantSummary,
 };
-use appell_sim::record::{Memory, Recorder};
+use appell_sim::record::Memory;
 use appell_sim::report::{self, Press};
-use appell_sim::scenario::TRIALS_MAX;
+use appell_sim::scenario::{Precision, TRIALS_MAX};
 
 use crate::arguments::{BatchCommand, BatchOptions, MergeOptions};
 use crate::{exit, terminal};
@@ -43,7 +43,9 @@ fn failed(error: BatchError) -> Failure {
 
 fn run(options: &BatchOptions) -> Result<String, Failure> {
     let bad = |problem: String| (exit::BAD_INPUT, problem);
-    let overrides = options.changes.overrides().map_err(bad)?;
+    let mut overrides = options.changes.overrides().map_err(bad)?;
+    let precision = options.precision.map(Precision::from);
+    overrides.extend(precision.map(|p| ("batch.precision".to_owned(), p.name().to_owned())));
     let vary: Result<Vec<_>, String> = options.vary.iter().map(|text| batch::parse(text)).collect();
     let vary = vary.map_err(|problem| bad(format!("--vary {problem}")))?;
     if let Some(twice) = (1..vary.len()).find(|&k| vary[..k].iter().any(|v| v.path == vary[k].path))
@@ -124,13 +126,10 @@ fn pictures(batch: &Batch, trials: &[Trials]) -> Result<Vec<Picture>, Failure> {
         found.map(move |(title, trial)| (variant, title, trial))
     });
     for (variant, title, trial) in telling {
-        let mut run = batch
-            .run(variant, trial)
-            .map_err(|error| internal(&error))?;
         let mut memory = Memory::bounded(crate::run::REPORT_ROWS);
-        let recorder: &mut dyn Recorder = &mut memory;
-        let summary = run
-            .execute(recorder, &mut |_| {})
+        let looked = batch.look(variant, trial, &mut memory);
+        let summary = looked
+            .map_err(|error| internal(&error))?
             .map_err(|error| internal(&error))?;
         let data = report::data(&memory.into_recording(), &summary);
         pictures.push(Picture {
@@ -194,6 +193,9 @@ fn digits(value: f64) -> String {
 
 fn text(summary: &BatchSummary, folder: &Path, shown: &Path) -> String {
     let mut out = String::new();
+    if !summary.precision.is_double() {
+        out += "in single precision\n";
+    }
     for variant in &summary.variants {
         out += &variant_text(summary, variant);
     }

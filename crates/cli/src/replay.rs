@@ -61,6 +61,7 @@ fn compared(options: &ReplayOptions) -> Result<Comparison, (u8, String)> {
         no_report: options.no_report,
         no_recording: false,
         trust_native: false,
+        precision: crate::arguments::Precision::F64,
         watch: false,
         pace: None,
     };

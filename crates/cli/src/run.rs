@@ -7,11 +7,11 @@ use appell_sim::batch::Crew;
 use appell_sim::crowd::{Crowd, is_crowd};
 use appell_sim::record::{Csv, Fan, Mcap, Memory, Parquet, RecordError, Recorder, Rosbag};
 use appell_sim::report;
-use appell_sim::run::{Outcome, Run, Summary};
+use appell_sim::run::{NarrowRun, Outcome, Run, Summary};
 use appell_sim::scenario::{self, Format, Loaded, Robot, Scenario};
 use appell_sim::world::SimError;
 
-use crate::arguments::{RecordFormat, RunOptions};
+use crate::arguments::{Precision, RecordFormat, RunOptions};
 use crate::live::Live;
 use crate::{exit, terminal};
 
@@ -80,7 +80,16 @@ type Execute<'a> =
 fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
     // To watch is to keep step with the clock.
     let pace = options.pace.or(options.watch.then_some(1.0));
+    let is_narrow = options.precision == Precision::F32;
     let ran = if is_crowd(&loaded.scenario) {
+        if is_narrow {
+            terminal::error(&format!(
+                "{}: must have robots of count = 1 to be run with --precision f32\n  \
+                 hint: leave the option out, or --set robot.NAME.count=1",
+                loaded.file.display()
+            ));
+            return exit::BAD_INPUT;
+        }
         if pace.is_some() {
             terminal::error(&format!(
                 "{}: must have robots of count = 1 to be run with --watch or --pace\n  \
@@ -92,6 +101,15 @@ fn one(loaded: &Loaded, folder: &Path, options: &RunOptions) -> u8 {
         Crowd::new(loaded, Crew::default()).map(|mut crowd| {
             execute(
                 &mut |recorder, progress| crowd.execute(recorder, progress),
+                loaded,
+                folder,
+                options,
+            )
+        })
+    } else if is_narrow {
+        NarrowRun::new(loaded, 0).map(|run| {
+            execute(
+                &mut |recorder, progress| run.execute(recorder, progress),
                 loaded,
                 folder,
                 options,

@@ -15,6 +15,9 @@ pub struct Batch {
     /// How the draws of all trials lie together.
     #[serde(default)]
     pub sampling: Sampling,
+    /// Precision of the numbers that a trial is computed with.
+    #[serde(default, skip_serializing_if = "Precision::is_double")]
+    pub precision: Precision,
     /// Values of the scenario that are drawn for each trial.
     #[serde(default)]
     pub vary: Vec<Vary>,
@@ -33,9 +36,37 @@ impl Default for Batch {
         Batch {
             trials: defaults::trials(),
             sampling: Sampling::default(),
+            precision: Precision::default(),
             vary: Vec::new(),
             variant: Vec::new(),
             mark: None,
+        }
+    }
+}
+
+/// Precision of the numbers that a run is computed with.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Double: sixteen digits.
+    #[default]
+    F64,
+    /// Single: seven digits, and twice as many trials side by side. Not for level `slip`, uneven
+    /// ground, adaptive steps, and controllers or models that take turns.
+    F32,
+}
+
+impl Precision {
+    /// Whether it is double precision.
+    pub fn is_double(&self) -> bool {
+        *self == Precision::F64
+    }
+
+    /// Its name in a file.
+    pub fn name(&self) -> &'static str {
+        match *self {
+            Precision::F64 => "f64",
+            Precision::F32 => "f32",
         }
     }
 }

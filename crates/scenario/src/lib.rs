@@ -15,7 +15,7 @@ mod task;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use batch::{Batch, Draw, Sampling, Variant, Vary};
+pub use batch::{Batch, Draw, Precision, Sampling, Variant, Vary};
 pub use control::{
     Change, Channel, Controller, FIRST, FIRST_MODEL, Follower, Heading, Law, Model, OnFailure,
     Plugin, PoseSource, STANDBY_MAX, Signal, Standby, Swap,

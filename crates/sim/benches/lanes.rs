@@ -93,6 +93,8 @@ fn mecanum<T: Scalar>() -> Rolling<T> {
 struct Open {
     is_mecanum: bool,
     is_exponential: bool,
+    /// Whether the energy ledger and the angles of wheels are left out: seven states are left.
+    is_bare: bool,
     /// Steps after which forces are found, too; 0 for never.
     forces: u64,
 }
@@ -101,11 +103,14 @@ impl AnyLanes for Open {
     type Output = f64;
 
     fn run<T: Scalar<Single = f64>>(self) -> f64 {
-        let system: Rolling<T> = if self.is_mecanum {
+        let mut system: Rolling<T> = if self.is_mecanum {
             mecanum()
         } else {
             differential()
         };
+        if self.is_bare {
+            system.leave_out();
+        }
         let sizes = system.sizes();
         let mut x = vec![T::zero(); sizes.state];
         x[3] = T::one();
@@ -139,32 +144,39 @@ impl AnyLanes for Open {
     }
 }
 
-fn model() -> f64 {
+/// Prints the speeds of the model; the base of all ratios, and the fastest of seven states alone in
+/// double and single precision.
+fn model() -> [f64; 3] {
     let open = |is_mecanum, is_exponential, forces| Open {
         is_mecanum,
         is_exponential,
+        is_bare: false,
         forces,
     };
+    let bare = |is_exponential| Open {
+        is_bare: true,
+        ..open(false, is_exponential, 0)
+    };
+    let [classical, exponential] = [false, true].map(|method| open(false, method, 0));
+    // Lanes, of single precision from sixteen on.
     let acts = [
+        ("(a) Runge-Kutta 4, one lane", 1, classical),
+        ("(a) Runge-Kutta 4, x4", 4, classical),
+        ("(a) Runge-Kutta 4, x8", 8, classical),
+        ("(a) exponential, x8", 8, exponential),
+        ("(a) Runge-Kutta 4, f32 x16", 16, classical),
+        ("(a) exponential, f32 x16", 16, exponential),
+        ("(a) seven states alone, Runge-Kutta 4, x8", 8, bare(false)),
+        ("(a) seven states alone, exponential, x8", 8, bare(true)),
         (
-            "(a) differential drive, Runge-Kutta 4, one lane",
-            1,
-            open(false, false, 0),
+            "(a) seven states alone, Runge-Kutta 4, f32 x16",
+            16,
+            bare(false),
         ),
         (
-            "(a) differential drive, Runge-Kutta 4, x4",
-            4,
-            open(false, false, 0),
-        ),
-        (
-            "(a) differential drive, Runge-Kutta 4, x8",
-            8,
-            open(false, false, 0),
-        ),
-        (
-            "(a) differential drive, exponential, x8",
-            8,
-            open(false, true, 0),
+            "(a) seven states alone, exponential, f32 x16",
+            16,
+            bare(true),
         ),
         (
             "(c) mecanum, forces every step, x8",
@@ -177,47 +189,34 @@ fn model() -> f64 {
             open(true, false, 10),
         ),
     ];
-    // The same in single precision.
-    let narrow_acts = [
-        (
-            "(a) differential drive, Runge-Kutta 4, f32 x16",
-            open(false, false, 0),
-        ),
-        (
-            "(a) differential drive, exponential, f32 x16",
-            open(false, true, 0),
-        ),
-    ];
-    let mut best = [0.0_f64; 6];
-    let mut narrow_best = [0.0_f64; 2];
+    let mut best = [0.0_f64; 12];
     for _ in 0..ROUNDS {
         for (best, (_, lanes, act)) in best.iter_mut().zip(&acts) {
-            *best = best.max(dispatch(*lanes, *act));
-        }
-        for (best, (_, act)) in narrow_best.iter_mut().zip(&narrow_acts) {
-            *best = best.max(narrow::dispatch(16, *act));
+            *best = best.max(match lanes {
+                16 => narrow::dispatch(16, *act),
+                _ => dispatch(*lanes, *act),
+            });
         }
     }
     // RK4, so that figures of other times can be set beside.
     let base = best[1].max(best[2]);
-    let names = acts.iter().map(|(name, ..)| *name);
-    let names = names.chain(narrow_acts.iter().map(|(name, _)| *name));
-    println!("the general model, energy ledger and limits included");
-    for (name, speed) in names.zip(best.into_iter().chain(narrow_best)) {
+    println!("the general model, energy ledger and limits included but for seven states alone");
+    for ((name, ..), speed) in acts.iter().zip(best) {
         println!("  {name:55} {speed:8.1} M/s  {:6.2} of (a)", speed / base);
     }
-    base
+    [base, best[6].max(best[7]), best[8].max(best[9])]
 }
 
 /// Million steps per second of a batch of homing robots with noisy odometry, and its threads' gain.
 fn batch(base: f64) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/homing.toml");
-    let speed = |period: &str, threads: usize, lanes: usize| {
+    let speed = |precision: &str, period: &str, threads: usize, lanes: usize| {
         let sensor = format!("[{{ kind = \"odometry\", period = {period}, angle_std = 0.001 }}]");
         let overrides = [
             ("robot.tri.sensor", sensor.as_str()),
             ("robot.tri.controller.pose", "odometry"),
             ("robot.tri.controller.period", period),
+            ("batch.precision", precision),
         ]
         .map(|(path, value)| (path.to_owned(), value.to_owned()));
         let vary = [parse("robot.tri.platform.body.mass=normal(9, 0.1)").expect("a draw")];
@@ -244,11 +243,14 @@ fn batch(base: f64) {
     let mut double = 0.0_f64;
     let mut fine = 0.0_f64;
     let mut plain = 0.0_f64;
+    let [mut narrow_single, mut narrow_fine] = [0.0_f64; 2];
     for _ in 0..3 {
-        plain = plain.max(speed("0.01", 1, 1));
-        single = single.max(speed("0.01", 1, 8));
-        double = double.max(speed("0.01", 2, 8));
-        fine = fine.max(speed("0.001", 1, 8));
+        plain = plain.max(speed("f64", "0.01", 1, 1));
+        single = single.max(speed("f64", "0.01", 1, 8));
+        double = double.max(speed("f64", "0.01", 2, 8));
+        fine = fine.max(speed("f64", "0.001", 1, 8));
+        narrow_single = narrow_single.max(speed("f32", "0.01", 1, 8));
+        narrow_fine = narrow_fine.max(speed("f32", "0.001", 1, 8));
     }
     println!("  (b) control at 100 Hz, one lane                       {plain:8.1} M/s");
     println!(
@@ -260,13 +262,21 @@ fn batch(base: f64) {
         fine / base
     );
     println!(
+        "  (b) control at 100 Hz, f32 x16                        {narrow_single:8.1} M/s  {:6.2} of (a)",
+        narrow_single / base
+    );
+    println!(
+        "  (b) control at every step, f32 x16                    {narrow_fine:8.1} M/s  {:6.2} of (a)",
+        narrow_fine / base
+    );
+    println!(
         "  (d) two threads over one                                        {:6.2}",
         double / single
     );
 }
 
 /// Runs the peers and prints how much faster the lanes are.
-fn peers(base: f64) {
+fn peers([base, bare, narrow]: [f64; 3]) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../benches/peers/run.sh");
     let output = Command::new("sh").arg(&script).output().expect("a shell");
     eprint!("{}", String::from_utf8_lossy(&output.stderr));
@@ -278,8 +288,10 @@ fn peers(base: f64) {
         if let (Some(peer), Some(speed)) = (value["peer"].as_str(), value["Msteps_per_s"].as_f64())
         {
             println!(
-                "  {peer:55} {speed:8.3} M/s  (a) is {:8.2} times as fast",
-                base / speed
+                "  {peer:40} {speed:8.3} M/s  (a) is {:8.2} times as fast, seven states alone {:8.2}, in f32 {:8.2}",
+                base / speed,
+                bare / speed,
+                narrow / speed
             );
         }
     }
@@ -335,11 +347,11 @@ fn main() {
     if wanted.iter().all(|name| name == "crowd") && !wanted.is_empty() {
         return;
     }
-    let base = model();
+    let speeds = model();
     if runs("batch") {
-        batch(base);
+        batch(speeds[0]);
     }
     if runs("peers") {
-        peers(base);
+        peers(speeds);
     }
 }

@@ -50,12 +50,32 @@ pub struct Values<'a, T> {
     seeds: &'a [(String, T)],
     /// What was asked for, where that is listed.
     asked: Option<RefCell<Vec<(String, f64)>>>,
+    methods: &'a [scenario::Integrator],
 }
 
 impl<'a, T: Scalar> Values<'a, T> {
     /// Numbers as they stand, but for these, by path.
     pub fn new(seeds: &'a [(String, T)]) -> Self {
-        Values { seeds, asked: None }
+        Values {
+            seeds,
+            asked: None,
+            methods: &[],
+        }
+    }
+
+    /// Numbers as they stand, for robots that are integrated by these methods, whatever the scenario
+    /// would choose.
+    pub fn integrated_by(methods: &'a [scenario::Integrator]) -> Self {
+        Values {
+            seeds: &[],
+            asked: None,
+            methods,
+        }
+    }
+
+    /// The method of a robot, by its place, of which the scenario says this.
+    pub(crate) fn method(&self, robot: usize, asked: scenario::Integrator) -> scenario::Integrator {
+        self.methods.get(robot).copied().unwrap_or(asked)
     }
 
     /// Numbers as they stand, all of which are listed.
@@ -63,6 +83,7 @@ impl<'a, T: Scalar> Values<'a, T> {
         Values {
             seeds: &[],
             asked: Some(RefCell::default()),
+            methods: &[],
         }
     }
 

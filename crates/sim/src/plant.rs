@@ -129,8 +129,9 @@ impl<T: Scalar> Plant<T> {
         let mut commands = driven;
         commands.extend((0..layout.steered.len()).map(|k| layout.steering_input() + k));
         let prefix = format!("robot.{name}");
-        // Lanes know neither slip nor uneven ground; what they get instead fits none of it.
-        let alone = if const { T::LANES > 1 } {
+        // Lanes and single precision know neither slip nor uneven ground; what they get instead fits
+        // none of it.
+        let alone = if const { T::LANES > 1 || T::IS_NARROW } {
             None
         } else if contacts.relief.is_some() || (level == Level::Slip && contacts.springs.is_some())
         {
@@ -278,6 +279,16 @@ impl<T: Scalar> Plant<T> {
         self.y[3] + self.y[4] + self.y[5]
     }
 
+    /// The integrator that was chosen; levels with a method of their own need no choice.
+    pub(crate) fn method(&self) -> Integrator {
+        match &self.method {
+            Method::RungeKutta4(_) => Integrator::Rk4,
+            Method::Exponential(_) => Integrator::Exponential,
+            Method::Adaptive(_) => Integrator::Adaptive,
+            Method::Own => Integrator::Auto,
+        }
+    }
+
     /// The integrator that was chosen, in words.
     pub fn integrator(&self) -> String {
         match &self.system {
@@ -354,7 +365,7 @@ fn method<T: Scalar, S: Dynamics<T>>(
     };
     let adaptive = || {
         // A step that all lanes shared would depend on their neighbors: they are not for it.
-        if const { T::LANES > 1 } {
+        if const { T::LANES > 1 || T::IS_NARROW } {
             return rk4();
         }
         let mut adaptive = Adaptive::new(system, tolerance, 0.1 * tolerance);
@@ -452,7 +463,9 @@ impl<T: Scalar> Method<T> {
         match self {
             Method::RungeKutta4(m) => m.steps(system, &held, 0.0, step, count, x, mode),
             Method::Exponential(m) => m.steps(system, &held, 0.0, step, count, x, mode),
-            Method::Adaptive(_) if const { T::LANES > 1 } => unreachable!("not for lanes"),
+            Method::Adaptive(_) if const { T::LANES > 1 || T::IS_NARROW } => {
+                unreachable!("not for lanes")
+            }
             Method::Adaptive(m) => return advance(m, system, &held, (step, count), x, mode),
             Method::Own => unreachable!("of levels that go alone"),
         }

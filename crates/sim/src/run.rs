@@ -1,5 +1,7 @@
 //! A run: a scenario becomes a world, the world steps, recorders listen, and a summary remains.
 
+mod narrow;
+
 use std::sync::{Arc, Mutex};
 
 use appell_model::scalar::Scalar;
@@ -22,10 +24,13 @@ use crate::plant::{Numerics, Plant, PlantError, Start};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::relief::Grids;
 use crate::scenario::{
-    Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Robot, Scenario, Sensor, Statistics,
-    Task,
+    Controller, Diagnostic, Diagnostics, Drive, Integrator, Level, Loaded, Precision, Robot,
+    Scenario, Sensor, Statistics, Task,
 };
 use crate::world::{Failure, Listener, Parts, RobotBlocks, SimError, Swapped, World};
+
+pub use narrow::NarrowRun;
+pub(crate) use narrow::world;
 
 /// Ticks between two reports of progress.
 const PROGRESS_TICKS: u64 = 1024;
@@ -189,6 +194,8 @@ pub(crate) struct Assembly<T: Scalar> {
     pub paths: Vec<Option<Arc<Path>>>,
     pub assignments: Vec<Option<Assignment>>,
     pub integrators: Vec<String>,
+    /// The methods that they name.
+    pub methods: Vec<Integrator>,
     /// Signals that are commanded from outside.
     pub outsides: Vec<crate::signal::Signal>,
     /// What the plug-ins of each robot may read and write.
@@ -272,9 +279,10 @@ pub(crate) fn assemble<T: Scalar>(
     let key = (scenario.seed, trial);
     let mut robots = Vec::new();
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
+    let mut methods = Vec::new();
     let mut outsides = Vec::new();
     let mut reaches = Vec::new();
-    for robot in &scenario.robot {
+    for (place, robot) in scenario.robot.iter().enumerate() {
         if robot.count > 1 {
             return Err(refuse(
                 loaded,
@@ -300,7 +308,7 @@ pub(crate) fn assemble<T: Scalar>(
             angles: &angles,
         };
         let numerics = Numerics {
-            integrator: scenario.time.integrator,
+            integrator: values.method(place, scenario.time.integrator),
             step,
             tolerance: scenario.time.tolerance,
         };
@@ -317,6 +325,7 @@ pub(crate) fn assemble<T: Scalar>(
         )
         .map_err(|error| refuse_plant(loaded, &format!("robot.{name}"), error))?;
         integrators.push(plant.integrator());
+        methods.push(plant.method());
         let layout = build::layout(scenario, robot);
         let assignment = robot
             .task
@@ -432,6 +441,7 @@ pub(crate) fn assemble<T: Scalar>(
         paths,
         assignments,
         integrators,
+        methods,
         outsides,
         reaches,
         relief,
@@ -447,7 +457,7 @@ impl Run {
     /// The same, with what new versions of its plug-ins are opened with while it goes on.
     pub fn with_workshop(loaded: &Loaded, trial: u64) -> Result<(Run, Workshop), Diagnostics> {
         let plans = Arc::<Plans>::default();
-        let (run, reaches) = Run::made(loaded, trial, &plans)?;
+        let (run, reaches) = Run::made(loaded, trial, &plans, Precision::F64)?;
         let workshop = Workshop::new(&run, reaches, loaded.trust_native, trial, &plans.plugins);
         Ok((run, workshop))
     }
@@ -458,18 +468,24 @@ impl Run {
         trial: u64,
         plans: &Arc<Plans>,
     ) -> Result<Run, Diagnostics> {
-        Run::made(loaded, trial, plans).map(|(run, _)| run)
+        Run::made(loaded, trial, plans, Precision::F64).map(|(run, _)| run)
     }
 
     fn made(
         loaded: &Loaded,
         trial: u64,
         plans: &Arc<Plans>,
+        precision: Precision,
     ) -> Result<(Run, Vec<Reach>), Diagnostics> {
         let scenario = &loaded.scenario;
         let mut first = loaded.clone();
         let changes = std::mem::take(&mut first.scenario.change);
-        let assembly = assemble(&first, trial, plans, &Values::new(&[]))?;
+        let mut assembly = assemble(&first, trial, plans, &Values::new(&[]))?;
+        if !precision.is_double() {
+            for integrator in &mut assembly.integrators {
+                integrator.push_str(", single precision");
+            }
+        }
         let world = World::wire(assembly.parts);
         if let Some(statistics) = &scenario.statistics {
             check_statistics(loaded, statistics, &world)?;

@@ -65,7 +65,8 @@ fn invariant_a_robot_of_a_count_is_a_trial_of_a_batch() {
     let single = set(&[("robot.tri.count", "1"), ("robot.tri.vary", "[]")]);
     let batch = Batch::new(&shipped("crowd.toml"), &single, Some(11), &vary, None).expect("valid");
     for trial in [0, 3, 7, 8, 10] {
-        let (own, told) = alone(batch.run(0, trial).expect("a trial"));
+        let scenario = batch.scenario(0, trial).expect("a trial");
+        let (own, told) = alone(Run::new(&scenario, trial).expect("a trial"));
         let name = format!("tri-{trial}");
         assert_same(&recording, &name, &own, "tri", &MOTION);
         let robot = &summary.robots[usize::try_from(trial).expect("small")];

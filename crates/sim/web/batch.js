@@ -17,7 +17,7 @@ import { clamp, escapeText, label, niceStep, plain, px, significant, textWidth, 
  */
 /**
  * @typedef {object} BatchData
- * @property {{ scenario: string, title: string, hash: string, root: string, seed: number, version: string, trials: number, variants: Variant[] }} summary
+ * @property {{ scenario: string, title: string, hash: string, root: string, seed: number, version: string, precision: string, trials: number, variants: Variant[] }} summary
  * @property {Record<string, Mark>} marks
  * @property {string | null} marked file of the run whose figures are marked
  * @property {string} drawn group of the drawn values
@@ -227,7 +227,7 @@ function sentenceOf({ success, verdicts }, trials) {
 function batchHeader({ summary }) {
   const [first, ...others] = summary.variants;
   const sentence = others.length > 0 ? `${summary.variants.length} variants, ${summary.trials} trials each, with the same noise and the same draws.` : sentenceOf(first, summary.trials);
-  return `<header><div><h1>${escapeText(summary.title || summary.scenario)}</h1><p>${escapeText(sentence)}</p><p class="quiet">seed ${summary.seed}</p></div></header>`;
+  return `<header><div><h1>${escapeText(summary.title || summary.scenario)}</h1><p>${escapeText(sentence)}</p><p class="quiet">seed ${summary.seed}${summary.precision === 'f32' ? ' · single precision (f32)' : ''}</p></div></header>`;
 }
 
 /**
@@ -286,7 +286,7 @@ function variantOf(data, variant, index) {
  */
 export function batchBody(data) {
   const key = `<p class="quiet">Histograms: trials in each of 40 equal intervals. Thick line: the middle 90 %. Thin line: median.${data.marked ? ` Red line: the run of ${escapeText(data.marked)}, and the share of trials below it.` : ''}</p>`;
-  const facts = [['version', `appell ${data.summary.version}`], ['seed', data.summary.seed], ['trials', data.summary.trials]];
+  const facts = [['version', `appell ${data.summary.version}`], ['seed', data.summary.seed], ['trials', data.summary.trials], ['precision', data.summary.precision]];
   const footer = `<footer><dl>${facts.map(([k, v]) => `<div><dt>${k}</dt><dd>${escapeText(v)}</dd></div>`).join('')}<div class="hash"><dt>hash</dt><dd>${escapeText(data.summary.hash)}</dd></div><div class="hash"><dt>root of the rows</dt><dd>${escapeText(data.summary.root)}</dd></div></dl></footer>`;
   const variants = data.summary.variants.map((variant, index) => variantOf(data, variant, index)).join('\n');
   return `<main class="batch">\n${batchHeader(data)}\n${key}\n${comparison(data)}\n${variants}\n<section aria-label="Scenario"><h2>Scenario <small>${escapeText(data.summary.scenario)}</small></h2><pre tabindex="0">${escapeText(data.text.trim())}</pre></section>${footer}\n</main>`;

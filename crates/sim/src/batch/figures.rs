@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::{Column, DRAWN, Manifest, Row};
+use crate::scenario::Precision;
 
 /// The trials of a variant, as far as they are summed up: values by columns, and no texts, so that a
 /// million of them find room.
@@ -111,6 +112,9 @@ pub struct BatchSummary {
     pub seed: u64,
     /// Version of the program.
     pub version: String,
+    /// Precision of the numbers that its trials were computed with.
+    #[serde(default)]
+    pub precision: Precision,
     /// Number of trials of each variant.
     pub trials: u64,
     /// What each variant says; one without a name where there are none.
@@ -400,6 +404,7 @@ pub(super) fn sum_up(manifest: &Manifest, trials: &[Trials], root: String) -> Ba
         root,
         seed: manifest.seed,
         version: manifest.version.clone(),
+        precision: manifest.precision,
         trials: manifest.trials,
         variants: variants.collect(),
     }

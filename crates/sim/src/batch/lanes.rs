@@ -9,8 +9,8 @@ use super::{Batch, Manifest, PART, Row};
 use crate::build::Values;
 use crate::meter::Meter;
 use crate::record::{Event, RecordError};
-use crate::run::{Account, Plans, assemble};
-use crate::scenario::{Diagnostics, Loaded};
+use crate::run::{Account, Plans, assemble, world};
+use crate::scenario::{Diagnostics, Integrator, Loaded};
 use crate::world::{Listener, Parts, World};
 
 /// Rows that wait for a thread.
@@ -49,6 +49,7 @@ struct Ready {
     trial: u64,
     loaded: Loaded,
     integrators: Vec<String>,
+    methods: Vec<Integrator>,
     parts: Parts<f64>,
 }
 
@@ -128,6 +129,7 @@ impl Worker<'_> {
             trial,
             loaded,
             integrators: assembly.integrators,
+            methods: assembly.methods,
             parts: assembly.parts,
         })
     }
@@ -135,10 +137,15 @@ impl Worker<'_> {
     /// A world for trials like this one, which runs in its first lane; none where lanes do not help,
     /// and the trial has been run.
     fn open<T: Scalar<Single = f64>>(&self, ready: Ready) -> Option<Side<T>> {
-        let wide = assemble::<T>(&ready.loaded, ready.trial, self.plans, &Values::new(&[]));
-        let world = wide.ok().map(|wide| World::wire(wide.parts));
-        let fits = |world: &World<T>| T::LANES == 1 || world.fits(&ready.parts);
-        let Some(world) = world.filter(fits) else {
+        let is_plain = T::LANES == 1 && !T::IS_NARROW;
+        let world = if is_plain {
+            let own = assemble::<T>(&ready.loaded, ready.trial, self.plans, &Values::new(&[]));
+            own.ok().map(|own| World::wire(own.parts))
+        } else {
+            let Ready { loaded, trial, .. } = &ready;
+            world(loaded, *trial, self.plans, &ready.methods, &ready.parts)
+        };
+        let Some(world) = world else {
             self.run_alone(&ready);
             return None;
         };
@@ -152,7 +159,13 @@ impl Worker<'_> {
         for lane in 1..T::LANES {
             side.world.clear(lane);
         }
-        side.seats[0] = Some(ready.seat());
+        // Set up in numbers of its own a trial would have other bits in single precision than set up
+        // in double precision and rounded, as in all other lanes.
+        side.seats[0] = Some(ready.seat(|parts| {
+            if !is_plain {
+                side.world.put(0, parts);
+            }
+        }));
         Some(side)
     }
 
@@ -177,22 +190,8 @@ impl Worker<'_> {
                     self.run_alone(&ready);
                     continue;
                 }
-                let Ready {
-                    row,
-                    trial,
-                    loaded,
-                    integrators,
-                    parts,
-                    ..
-                } = ready;
-                side.world.put(lane, parts);
+                side.seats[lane] = Some(ready.seat(|parts| side.world.put(lane, parts)));
                 side.meter.clear(lane);
-                side.seats[lane] = Some(Seat {
-                    row,
-                    trial,
-                    loaded,
-                    integrators,
-                });
             }
         }
     }
@@ -228,7 +227,9 @@ impl Worker<'_> {
 }
 
 impl Ready {
-    fn seat(self) -> Seat {
+    /// Its seat, for which `put` takes its blocks.
+    fn seat(self, put: impl FnOnce(Parts<f64>)) -> Seat {
+        put(self.parts);
         Seat {
             row: self.row,
             trial: self.trial,

@@ -17,16 +17,17 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use appell_model::lanes::{dispatch, narrow};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::foreign::digests;
 use crate::record::{Event, Header, RecordError, Recorder};
-use crate::run::{Outcome, Plans, Run, Summary, hash};
+use crate::run::{NarrowRun, Outcome, Plans, Run, Summary, hash};
 use crate::scenario::{
-    self, Diagnostic, Diagnostics, Draw, Loaded, Overrides, Sampling, Template, Vary,
+    self, Diagnostic, Diagnostics, Draw, Loaded, Overrides, Precision, Sampling, Template, Vary,
 };
-use crate::world::Failure;
+use crate::world::{Failure, SimError};
 
 use lanes::{Queue, Worker};
 
@@ -87,6 +88,9 @@ pub struct Manifest {
     pub seed: u64,
     /// Version of the program.
     pub version: String,
+    /// Precision of the numbers that its trials are computed with.
+    #[serde(default, skip_serializing_if = "Precision::is_double")]
+    pub precision: Precision,
     /// Number of trials of each variant.
     pub trials: u64,
     /// Names of the variants; one without a name where there are none.
@@ -196,7 +200,8 @@ pub(crate) fn drawn(robot: &str, vary: &[Vary], seed: u64, trial: u64) -> Vec<(S
 pub struct Crew {
     /// Threads; 0 for one on each core.
     pub threads: usize,
-    /// Most trials that a thread runs side by side: as many as its registers hold, up to 8.
+    /// Most trials that a thread runs side by side: as many as its registers hold, up to 8; of single
+    /// precision twice as many.
     pub lanes: usize,
 }
 
@@ -293,6 +298,7 @@ impl Batch {
             title: scenario.title.clone(),
             seed: scenario.seed,
             version: env!("CARGO_PKG_VERSION").into(),
+            precision: plan.precision,
             trials: plan.trials,
             variants: match plan.variant.as_slice() {
                 [] => vec![String::new()],
@@ -430,6 +436,9 @@ impl Batch {
     /// The same without its text, quickly.
     fn sketch(&self, variant: usize, trial: u64) -> Result<Loaded, Diagnostics> {
         let drawn = self.drawn(trial);
+        if drawn.is_empty() {
+            return Ok(self.variants[variant].0.clone());
+        }
         let quick = scenario::with_numbers(&self.templates[variant], &drawn);
         quick.map_or_else(|| self.scenario(variant, trial), Ok)
     }
@@ -443,8 +452,7 @@ impl Batch {
     }
 
     fn summary(&self, variant: usize, trial: u64) -> Result<Summary, Diagnostics> {
-        let mut run = self.run(variant, trial)?;
-        let summary = run.execute(&mut Nothing, &mut |_| {});
+        let summary = self.look(variant, trial, &mut Nothing)?;
         Ok(summary.expect("nothing is written that could fail"))
     }
 
@@ -569,7 +577,10 @@ impl Batch {
                 plans: &self.plans,
                 hand_over: &hand_over,
             };
-            appell_model::lanes::dispatch(crew.lanes, worker);
+            match self.manifest.precision {
+                Precision::F64 => dispatch(crew.lanes, worker),
+                Precision::F32 => narrow::dispatch(2 * crew.lanes, worker),
+            }
         });
         match failure.into_inner().expect("nothing panics with it") {
             Some(error) => Err(error),
@@ -577,12 +588,27 @@ impl Batch {
         }
     }
 
-    /// A run of one trial, for a look at it.
+    /// Runs one trial of a variant into a recorder, for a look at it; an error of that is within.
     ///
     /// # Errors
     /// What was drawn makes no scenario.
-    pub fn run(&self, variant: usize, trial: u64) -> Result<Run, Diagnostics> {
-        Run::planned(&self.scenario(variant, trial)?, trial, &self.plans)
+    pub fn look(
+        &self,
+        variant: usize,
+        trial: u64,
+        recorder: &mut dyn Recorder,
+    ) -> Result<Result<Summary, SimError>, Diagnostics> {
+        let loaded = self.scenario(variant, trial)?;
+        Ok(match self.manifest.precision {
+            Precision::F64 => {
+                let mut run = Run::planned(&loaded, trial, &self.plans)?;
+                run.execute(recorder, &mut |_| {})
+            }
+            Precision::F32 => {
+                let run = NarrowRun::planned(&loaded, trial, &self.plans, "batch.precision")?;
+                run.execute(recorder, &mut |_| {})
+            }
+        })
     }
 
     /// Number of trials of a shard.
@@ -659,6 +685,7 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Store, BatchError> {
     };
     let merged = Store::open(out, first.manifest())?;
     for store in &stores {
+        store.agrees(merged.manifest().precision)?;
         if store.manifest().hash != merged.manifest().hash {
             return Err(BatchError::Folder {
                 path: store.folder().to_owned(),

@@ -12,6 +12,7 @@ use parquet::basic::{Compression, Repetition, Type as PhysicalType, ZstdLevel};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
@@ -19,6 +20,7 @@ use parquet::schema::types::{Type, TypePtr};
 use sha2::{Digest, Sha256};
 
 use super::{BatchError, Column, Manifest, Row};
+use crate::scenario::Precision;
 
 /// Columns of text after the trial's number.
 const TEXTS: [&str; 4] = ["variant", "verdict", "reason", "other"];
@@ -91,19 +93,43 @@ impl Store {
     /// It holds another batch, or cannot be written.
     pub fn open(folder: &Path, manifest: &Manifest) -> Result<Store, BatchError> {
         let path = folder.join(Self::MANIFEST);
-        if path.exists() && Self::existing(folder)?.manifest.hash != manifest.hash {
-            return Err(BatchError::Folder {
-                path: folder.to_owned(),
-                problem: "holds another batch: another scenario, other settings or another version"
-                    .into(),
-                hint: "choose another folder with --out, or remove this one",
-            });
+        let there = path.exists().then(|| Self::existing(folder)).transpose()?;
+        if let Some(there) = there {
+            there.agrees(manifest.precision)?;
+            if there.manifest.hash != manifest.hash {
+                return Err(BatchError::Folder {
+                    path: folder.to_owned(),
+                    problem:
+                        "holds another batch: another scenario, other settings or another version"
+                            .into(),
+                    hint: "choose another folder with --out, or remove this one",
+                });
+            }
         }
         let trials = folder.join("trials");
         fs::create_dir_all(&trials).map_err(|error| unwritable(&trials, error))?;
         let text = serde_json::to_string_pretty(manifest).expect("a manifest is plain data");
         put(folder, &path, text.as_bytes())?;
         Ok(Self::listed(folder, manifest.clone()))
+    }
+
+    /// Whether its rows are of a precision: rows of two have other bits.
+    ///
+    /// # Errors
+    /// They are of the other.
+    pub(super) fn agrees(&self, precision: Precision) -> Result<(), BatchError> {
+        if self.manifest.precision == precision {
+            return Ok(());
+        }
+        Err(BatchError::Folder {
+            path: self.folder.clone(),
+            problem: format!(
+                "must hold rows of precision {}, has those of {}",
+                precision.name(),
+                self.manifest.precision.name()
+            ),
+            hint: "ask for the same --precision, or choose another folder with --out",
+        })
     }
 
     /// Opens the folder of a batch that was begun.
@@ -184,7 +210,7 @@ impl Store {
             fs::remove_file(&damaged).map_err(|error| unwritable(&damaged, error))?;
         }
         let path = trials.join(&name);
-        let bytes = encode(&self.manifest.columns, rows).map_err(|e| unwritable(&path, e))?;
+        let bytes = encode(&self.manifest, rows).map_err(|e| unwritable(&path, e))?;
         put(&self.folder, &path, &bytes)?;
         let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
         files.insert(part, BTreeSet::from([name]));
@@ -273,9 +299,14 @@ fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
     ))
 }
 
-fn encode(columns: &[Column], rows: &[Row]) -> Result<Vec<u8>, ParquetError> {
+fn encode(manifest: &Manifest, rows: &[Row]) -> Result<Vec<u8>, ParquetError> {
+    let columns = &manifest.columns;
     let properties = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::try_new(3)?))
+        .set_key_value_metadata(Some(vec![KeyValue::new(
+            "precision".into(),
+            manifest.precision.name().to_owned(),
+        )]))
         .build();
     let mut writer = SerializedFileWriter::new(Vec::new(), schema(columns)?, Arc::new(properties))?;
     let mut group = writer.next_row_group()?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::figures::Success;
 use super::{Batch, Crew, PART, Shard, Store, draw, figures, merge, sum_up};
-use crate::scenario::{Draw, Sampling, Vary};
+use crate::scenario::{Draw, Precision, Sampling, Vary};
 
 fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -307,8 +307,13 @@ fn closed_form_confidence_of_success() {
 
 /// A small batch on every machine alike: homing by noisy odometry, with other masses and motors.
 fn quick(trials: u64) -> Batch {
+    quick_in(Precision::F64, trials)
+}
+
+fn quick_in(precision: Precision, trials: u64) -> Batch {
     let set = |path: &str, value: &str| (path.to_owned(), value.to_owned());
     let overrides = [
+        set("batch.precision", precision.name()),
         set("time.duration", "0.6"),
         set("robot.tri.sensor", ODOMETRY),
         set("robot.tri.controller.pose", "odometry"),
@@ -334,14 +339,27 @@ const ODOMETRY: &str =
 /// The root of [`quick`], on every machine.
 const QUICK_ROOT: &str = "1b40813046f4ebbc858c9df2d8f3332a00806f4fae1ca1f821105f2286a4921f";
 
+/// The same in single precision.
+const NARROW_ROOT: &str = "8cda3a5189ca751f4853bffaeb2b523730c9d4616bae323137073e44c4466fdd";
+
 /// The matrix of threads, lanes and shards; `crates/cli/tests/robust.rs` adds the build profiles.
 #[test]
 fn golden_one_root_for_threads_lanes_and_shards() {
-    let batch = quick(4 * PART - 30);
+    check_matrix(Precision::F64, QUICK_ROOT);
+}
+
+#[test]
+fn golden_one_root_in_single_precision() {
+    check_matrix(Precision::F32, NARROW_ROOT);
+}
+
+fn check_matrix(precision: Precision, expected: &str) {
+    let name = precision.name();
+    let batch = quick_in(precision, 4 * PART - 30);
     let mut roots = BTreeSet::new();
     for threads in [1, 2, 3, 7] {
         for lanes in [1, 4, 8] {
-            let folder = scratch(&format!("matrix-{threads}-{lanes}"));
+            let folder = scratch(&format!("matrix-{name}-{threads}-{lanes}"));
             let store = shard(&batch, &folder, Shard::WHOLE, Crew { threads, lanes });
             roots.insert(root(&store));
             std::fs::remove_dir_all(&folder).expect("removed");
@@ -350,20 +368,20 @@ fn golden_one_root_for_threads_lanes_and_shards() {
     for (count, lanes) in [(10, 8), (97, 4)] {
         let folders: Vec<PathBuf> = (1..=count)
             .map(|index| {
-                let folder = scratch(&format!("matrix-shard-{index}-{count}"));
+                let folder = scratch(&format!("matrix-{name}-shard-{index}-{count}"));
                 let crew = Crew { threads: 2, lanes };
                 shard(&batch, &folder, Shard { index, count }, crew);
                 folder
             })
             .collect();
-        let out = scratch(&format!("matrix-merged-{count}"));
+        let out = scratch(&format!("matrix-{name}-merged-{count}"));
         let merged = merge(&folders, &out).unwrap_or_else(|error| panic!("{error}"));
         roots.insert(root(&merged));
         for folder in folders.iter().chain([&out]) {
             std::fs::remove_dir_all(folder).expect("removed");
         }
     }
-    assert_eq!(roots, BTreeSet::from([QUICK_ROOT.to_owned()]));
+    assert_eq!(roots, BTreeSet::from([expected.to_owned()]));
 }
 
 /// Every shipped kind of robot, level, drive, sensor, law and task: trials that share a world in
@@ -402,39 +420,144 @@ fn invariant_lanes_have_the_bits_of_single_runs() {
         ("house.toml", &[]),
     ];
     for (name, set) in cases {
-        let mut overrides: Vec<(String, String)> = set
-            .iter()
-            .map(|(path, value)| ((*path).to_owned(), (*value).to_owned()))
-            .collect();
-        overrides.push(("time.duration".into(), "2.5".into()));
-        // Every other trial has another mass: the robots part.
-        let vary = [draw::parse("robot.*.platform.body.mass=grid(6, 9)").expect("a draw")];
-        let batch = Batch::new(&shipped(name), &overrides, Some(11), &vary, None)
-            .unwrap_or_else(|error| panic!("{name}: {error}"));
-        for lanes in [4, 8] {
-            let folder = scratch(&format!("lanes-{lanes}"));
-            let crew = Crew { threads: 1, lanes };
-            let store = shard(&batch, &folder, Shard::WHOLE, crew);
-            for row in store.read(0).expect("reads").expect("rows") {
-                let variant = batch.manifest().variant(&row.variant);
-                let alone = batch.trial(variant, row.trial);
-                let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-                assert_eq!(alone.reason, row.reason, "{name} {set:?} {lanes}");
-                assert_eq!(alone.verdict, row.verdict, "{name} {set:?}");
-                for (k, column) in batch.manifest().columns.iter().enumerate() {
-                    assert!(
-                        bits(&alone.values[k..=k]) == bits(&row.values[k..=k]),
-                        "{name} {set:?}, {lanes} lanes, trial {}: {} is {} and {}",
-                        row.trial,
-                        column.name,
-                        alone.values[k],
-                        row.values[k]
-                    );
-                }
-                assert_eq!(alone.other, row.other);
-            }
-            std::fs::remove_dir_all(&folder).expect("removed");
+        check_lanes(name, set, Precision::F64);
+        if !set.contains(&("time.integrator", "adaptive")) {
+            check_lanes(name, set, Precision::F32);
         }
+    }
+}
+
+fn check_lanes(name: &str, set: &[(&str, &str)], precision: Precision) {
+    let mut overrides: Vec<(String, String)> = set
+        .iter()
+        .map(|(path, value)| ((*path).to_owned(), (*value).to_owned()))
+        .collect();
+    overrides.push(("time.duration".into(), "2.5".into()));
+    overrides.push(("batch.precision".into(), precision.name().into()));
+    // Every other trial has another mass: the robots part.
+    let vary = [draw::parse("robot.*.platform.body.mass=grid(6, 9)").expect("a draw")];
+    let batch = Batch::new(&shipped(name), &overrides, Some(11), &vary, None)
+        .unwrap_or_else(|error| panic!("{name}: {error}"));
+    for lanes in [4, 8] {
+        let folder = scratch(&format!("lanes-{}-{lanes}", precision.name()));
+        let crew = Crew { threads: 1, lanes };
+        let store = shard(&batch, &folder, Shard::WHOLE, crew);
+        for row in store.read(0).expect("reads").expect("rows") {
+            let variant = batch.manifest().variant(&row.variant);
+            let alone = batch.trial(variant, row.trial);
+            let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(alone.reason, row.reason, "{name} {set:?} {lanes}");
+            assert_eq!(alone.verdict, row.verdict, "{name} {set:?}");
+            for (k, column) in batch.manifest().columns.iter().enumerate() {
+                assert!(
+                    bits(&alone.values[k..=k]) == bits(&row.values[k..=k]),
+                    "{name} {set:?}, {lanes} lanes, trial {}: {} is {} and {}",
+                    row.trial,
+                    column.name,
+                    alone.values[k],
+                    row.values[k]
+                );
+            }
+            assert_eq!(alone.other, row.other);
+        }
+        std::fs::remove_dir_all(&folder).expect("removed");
+    }
+}
+
+/// A robot whose wheels are alike has a step of its own: it must be the same beside others.
+#[test]
+fn invariant_alike_and_unlike_wheels_share_a_batch() {
+    let vary = [draw::parse(
+        "robot.tri.platform.wheel.left.drive.torque_constant=grid(0.0484, 0.05, 0.05)",
+    )
+    .expect("a draw")];
+    for precision in [Precision::F64, Precision::F32] {
+        let overrides = [
+            ("time.duration".to_owned(), "1.0".to_owned()),
+            ("batch.precision".to_owned(), precision.name().to_owned()),
+        ];
+        let batch = Batch::new(&shipped("homing.toml"), &overrides, Some(20), &vary, None)
+            .unwrap_or_else(|error| panic!("{error}"));
+        let folder = scratch(&format!("alike-{}", precision.name()));
+        let store = shard(&batch, &folder, Shard::WHOLE, crew(1));
+        for row in store.read(0).expect("reads").expect("rows") {
+            let alone = batch.trial(0, row.trial);
+            let bits =
+                |row: &super::Row| row.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(
+                (alone.verdict.as_str(), bits(&alone)),
+                (row.verdict.as_str(), bits(&row))
+            );
+        }
+        std::fs::remove_dir_all(&folder).expect("removed");
+    }
+}
+
+#[test]
+fn refusal_of_what_single_precision_does_not_know() {
+    let narrow = ("batch.precision", "f32");
+    let cases: [&[(&str, &str)]; 4] = [
+        &[("level", "slip")],
+        &[("time.integrator", "adaptive")],
+        &[("swap", "")],
+        &[("hills", "")],
+    ];
+    for case in cases {
+        let (file, set) = match case[0] {
+            ("level", _) => ("ice.toml", None),
+            ("swap", _) => ("swap.toml", None),
+            ("hills", _) => ("hills.toml", None),
+            set => ("slalom.toml", Some(set)),
+        };
+        let set = set.into_iter().chain([narrow]);
+        let overrides: Vec<(String, String)> = set
+            .map(|(path, value)| (path.into(), value.into()))
+            .collect();
+        let problem = Batch::new(&shipped(file), &overrides, Some(3), &[], None)
+            .err()
+            .unwrap_or_else(|| panic!("{file} is taken"));
+        let problem = problem.to_string();
+        assert!(
+            problem.contains("batch.precision: must be \"f64\" here"),
+            "{file}: {problem}"
+        );
+    }
+    // A word that is none.
+    let overrides = [("batch.precision".to_owned(), "f16".to_owned())];
+    let problem = Batch::new(&shipped("slalom.toml"), &overrides, Some(3), &[], None);
+    let problem = problem.err().expect("a refusal").to_string();
+    assert!(
+        problem.contains("f16") && problem.contains("f64"),
+        "{problem}"
+    );
+}
+
+/// A batch goes on, and is merged, in its own precision alone.
+#[test]
+fn refusal_of_rows_of_another_precision() {
+    let (double, single) = (quick(30), quick_in(Precision::F32, 30));
+    let (one, two, out) = (
+        scratch("double"),
+        scratch("single"),
+        scratch("both-precisions"),
+    );
+    let first = shard(&double, &one, Shard::WHOLE, crew(1));
+    let second = shard(&single, &two, Shard::WHOLE, crew(1));
+    assert_ne!(root(&first), root(&second));
+    let (summary, _) = sum_up(&second).expect("sums up");
+    assert_eq!(summary.precision, Precision::F32);
+    let refusals = [
+        Store::open(&one, single.manifest()).err(),
+        Store::open(&two, double.manifest()).err(),
+        merge(&[one.clone(), two.clone()], &out).err(),
+    ];
+    for (refusal, word) in refusals.into_iter().zip(["f32", "f64", "f64"]) {
+        let problem = refusal.expect("a refusal").to_string();
+        let wanted = format!("must hold rows of precision {word}");
+        assert!(problem.contains(&wanted), "{problem}");
+    }
+    for folder in [&one, &two, &out] {
+        let _ = std::fs::remove_dir_all(folder);
     }
 }
 
@@ -455,5 +578,11 @@ fn invariant_steps_of_lanes_allocate_nothing() {
     let batch = quick(30);
     for lanes in [1, 4, 8] {
         assert_eq!(appell_model::lanes::dispatch(lanes, Count(&batch)), 0);
+    }
+    for lanes in [1, 8, 16] {
+        assert_eq!(
+            appell_model::lanes::narrow::dispatch(lanes, Count(&batch)),
+            0
+        );
     }
 }
