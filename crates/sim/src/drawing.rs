@@ -7,7 +7,9 @@ use serde_json::{Value, json};
 use crate::layout::{Assignment, Goal};
 use crate::plan::Path;
 use crate::run::drive_name;
-use crate::scenario::{Drive, Robot, Scenario, Steering, TRAILER, Terrain, Trailer, Wheel};
+use crate::scenario::{
+    Drive, Form, Relief as Feature, Robot, Scenario, Steering, TRAILER, Terrain, Trailer, Wheel,
+};
 
 /// What reports draw, beside the signals: arena, robots, goals and paths.
 pub(crate) fn drawing(
@@ -18,7 +20,11 @@ pub(crate) fn drawing(
     relief: Option<&Relief>,
 ) -> Value {
     let terrain = match (&scenario.terrain, relief) {
-        (Terrain::Uneven { .. }, Some(relief)) => heights(relief, scenario.arena.size),
+        (Terrain::Uneven { .. }, Some(relief)) => {
+            let mut drawn = heights(relief, scenario.arena.size);
+            drawn["jumps"] = json!(jumps(&scenario.terrain));
+            drawn
+        }
         (terrain, _) => even(terrain),
     };
     let beacons: Vec<Value> = scenario
@@ -59,6 +65,17 @@ fn even(terrain: &Terrain) -> Value {
         }
         Terrain::Flat { .. } | Terrain::Uneven { .. } => json!({"kind": "flat"}),
     }
+}
+
+/// Features whose height jumps, which cells alone would draw as slopes.
+fn jumps(terrain: &Terrain) -> Vec<&Feature> {
+    let is_sudden = |feature: &&Feature| match feature {
+        Feature::Step { .. } | Feature::Block { .. } => true,
+        Feature::Wave { form, .. } => *form == Form::Square,
+        Feature::Ramp { length, .. } => *length == 0.0,
+        Feature::Slope { .. } | Feature::Map { .. } | Feature::Roughness { .. } => false,
+    };
+    terrain.relief().iter().filter(is_sudden).collect()
 }
 
 /// Cells along the longer side of the arena for which a height is drawn.

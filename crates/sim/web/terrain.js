@@ -4,7 +4,11 @@
 
 import { multiples, niceStep, px } from './draw.js';
 
-/** @typedef {{ kind: 'uneven', cell: number, columns: number, low: number, high: number, levels: number[] }} Relief heights in the middles of square cells, rows from the lowest y; 1000 levels from low to high, m */
+/**
+ * A feature whose height jumps, in the words of its file: a step or ramp without length, a block, a square wave.
+ * @typedef {{ kind: 'step' | 'ramp' | 'block' | 'wave', at: [number, number], heading_deg: number, rise?: number, length?: number, width?: number, amplitude?: number, period?: number, phase_deg?: number }} Jump
+ */
+/** @typedef {{ kind: 'uneven', cell: number, columns: number, low: number, high: number, levels: number[], jumps?: Jump[] }} Relief heights in the middles of square cells, rows from the lowest y; 1000 levels from low to high, m; and what jumps between them */
 
 const RELIEF_SHADES = 20;
 
@@ -20,20 +24,44 @@ export function drawRelief(view, relief) {
 }
 
 /**
- * Height at a point, m; between the middles of cells straight, beyond them as on the rim.
+ * What jumps at a point, m: `heightOf` without all that is smooth.
  * @param {Relief} relief
  * @param {number} x
  * @param {number} y
  */
-export function heightOf({ cell, columns, low, high, levels }, x, y) {
+export function jumpAt({ jumps = [] }, x, y) {
+  let sum = 0;
+  for (const { kind, at, heading_deg, rise = 0, length = 0, width = 0, amplitude = 0, period = 1, phase_deg = 0 } of jumps) {
+    const [cos, sin] = [Math.cos(heading_deg * Math.PI / 180), Math.sin(heading_deg * Math.PI / 180)];
+    const [dx, dy] = [x - at[0], y - at[1]];
+    const [along, across] = [dx * cos + dy * sin, dy * cos - dx * sin];
+    if (kind === 'block') sum += Math.abs(along) <= length / 2 && Math.abs(across) <= width / 2 ? rise : 0;
+    else if (kind === 'wave') {
+      const turns = along / period + phase_deg / 360;
+      if (along >= 0 && along <= length) sum += turns - Math.floor(turns) < 0.5 ? amplitude : -amplitude;
+    } else sum += along >= 0 ? rise : 0;
+  }
+  return sum;
+}
+
+/**
+ * Height at a point, m: between the middles of cells straight but for what jumps, beyond them as on the rim.
+ * @param {Relief} relief
+ * @param {number} x
+ * @param {number} y
+ */
+export function heightOf(relief, x, y) {
+  const { cell, columns, low, high, levels } = relief;
   const rows = levels.length / columns;
   const along = (/** @type {number} */ v, /** @type {number} */ count) => Math.min(Math.max(v / cell - 0.5, 0), count - 1);
   const [u, v] = [along(x, columns), along(y, rows)];
   const [i, j] = [Math.min(Math.floor(u), Math.max(0, columns - 2)), Math.min(Math.floor(v), Math.max(0, rows - 2))];
   const [a, b] = [u - i, v - j];
-  const at = (/** @type {number} */ di, /** @type {number} */ dj) => levels[Math.min(j + dj, rows - 1) * columns + Math.min(i + di, columns - 1)];
-  const level = (1 - b) * ((1 - a) * at(0, 0) + a * at(1, 0)) + b * ((1 - a) * at(0, 1) + a * at(1, 1));
-  return low + (level / 1000) * (high - low);
+  const at = (/** @type {number} */ di, /** @type {number} */ dj) => {
+    const [column, row] = [Math.min(i + di, columns - 1), Math.min(j + dj, rows - 1)];
+    return low + (levels[row * columns + column] / 1000) * (high - low) - jumpAt(relief, (column + 0.5) * cell, (row + 0.5) * cell);
+  };
+  return (1 - b) * ((1 - a) * at(0, 0) + a * at(1, 0)) + b * ((1 - a) * at(0, 1) + a * at(1, 1)) + jumpAt(relief, x, y);
 }
 
 /**

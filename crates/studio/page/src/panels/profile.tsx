@@ -29,8 +29,9 @@ function sideOfRobot(run: Run, robot: Robot, studio: Studio, t: number, width: n
   const [ox, oy] = [width / 2, height - 42 - Math.abs(Math.tan(pitch)) * width / 4];
   const rise = Math.tan(pitch) * width / 2;
   // The ground along the heading, through the robot.
-  const profile = Array.from({ length: 161 }, (_, k) => {
-    const u = (k / 160 - 0.5) * width / scale;
+  const points = Math.max(2, Math.ceil(width / 1.5));
+  const profile = Array.from({ length: points + 1 }, (_, k) => {
+    const u = (k / points - 0.5) * width / scale;
     return `${px(ox + u * scale)} ${px(oy - (isUneven ? heightOf(terrain, state.x + u * Math.cos(state.yaw), state.y + u * Math.sin(state.yaw)) - state.z : 0) * scale)}`;
   });
   const top = isUneven ? `M${profile.join('L')}` : `M0 ${px(oy + rise)}L${width} ${px(oy - rise)}`;

@@ -9,7 +9,7 @@ import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { forceScale, outlineOf, sideOf, speedLimit } from '../../../../sim/web/arena.js';
 import { viridis } from '../../../../sim/web/draw.js';
 import { stateAt, type Robot, type RobotState } from '../../../../sim/web/run.js';
-import { heightOf } from '../../../../sim/web/terrain.js';
+import { heightOf, jumpAt, type Relief } from '../../../../sim/web/terrain.js';
 import { color } from '../look';
 import type { Line } from '../net';
 import { eachPicture, type OwnHost, type Panel } from '../panel';
@@ -19,6 +19,41 @@ import { tr } from '../words';
 const BEACON = 0.35;
 /** Half width of a trail, m. */
 const TRAIL = 0.012;
+
+/** Parts of a cell, to each side, in which something jumps. */
+const FINE = 12;
+
+/** Uneven ground: smooth where it is, with flat faces in the cells in which it jumps, and lit, that one sees its form. */
+function landscape(terrain: Relief, w: number, h: number): Mesh[] {
+  const { columns } = terrain;
+  const rows = terrain.levels.length / columns;
+  const [dx, dy] = [w / columns, h / rows];
+  const over = (x: number, y: number) => heightOf(terrain, x, y) - 0.002;
+  const smooth: number[] = [], faces: number[] = [], nodes: number[] = [];
+  for (let j = 0; j <= rows; j++) for (let i = 0; i <= columns; i++) nodes.push(i * dx, j * dy, over(i * dx, j * dy));
+  const jumps = (i: number, j: number) => {
+    const here = jumpAt(terrain, i * dx, j * dy);
+    for (let b = 0; b <= 4; b++) for (let a = 0; a <= 4; a++) if (Math.abs(jumpAt(terrain, (i + a / 4) * dx, (j + b / 4) * dy) - here) > 1e-9) return true;
+    return false;
+  };
+  for (let j = 0; j < rows; j++) for (let i = 0; i < columns; i++) {
+    const n = j * (columns + 1) + i;
+    if (!terrain.jumps?.length || !jumps(i, j)) { smooth.push(n, n + 1, n + columns + 1, n + 1, n + columns + 2, n + columns + 1); continue; }
+    for (let b = 0; b < FINE; b++) for (let a = 0; a < FINE; a++) {
+      const [x0, x1, y0, y1] = [i + a / FINE, i + (a + 1) / FINE, j + b / FINE, j + (b + 1) / FINE];
+      const corner = (x: number, y: number) => faces.push(x * dx, y * dy, over(x * dx, y * dy));
+      corner(x0, y0); corner(x1, y0); corner(x0, y1);
+      corner(x1, y0); corner(x1, y1); corner(x0, y1);
+    }
+  }
+  const meshes = [[nodes, smooth], [faces, null]].map(([points, index]) => {
+    const geometry = new BufferGeometry().setAttribute('position', new Float32BufferAttribute(points as number[], 3));
+    if (index) geometry.setIndex(index);
+    geometry.computeVertexNormals();
+    return new Mesh(geometry, new MeshLambertMaterial({ color: color('line') }));
+  });
+  return faces.length > 0 ? meshes : meshes.slice(0, 1);
+}
 
 const wheelCenter = (wheel: Robot['wheels'][number], heading: number): [number, number] => {
   const back = wheel.kind === 'caster' ? wheel.trail : 0;
@@ -149,20 +184,17 @@ export function connect(host: OwnHost): Panel {
       const heading = terrain.downhill_heading_deg * Math.PI / 180;
       ground.quaternion.setFromAxisAngle(new Vector3(-Math.sin(heading), Math.cos(heading), 0), terrain.slope_deg * Math.PI / 180);
     }
-    // Uneven ground is drawn by its cells, and lit, that one sees its form.
     const isUneven = terrain.kind === 'uneven';
-    const [columns, rows] = isUneven ? [terrain.columns, terrain.levels.length / terrain.columns] : [1, 1];
-    const surface = new PlaneGeometry(w, h, columns, rows);
-    const points = surface.getAttribute('position');
-    if (isUneven) for (let k = 0; k < points.count; k++) points.setZ(k, over(points.getX(k) + w / 2, points.getY(k) + h / 2));
-    if (isUneven) surface.computeVertexNormals();
-    const floor = new Mesh(surface, isUneven ? new MeshLambertMaterial({ color: color('line') }) : new MeshBasicMaterial({ color: color('floor') }));
-    floor.position.set(w / 2, h / 2, -0.002);
-    ground.add(floor);
+    if (isUneven) ground.add(...landscape(terrain, w, h));
+    else {
+      const floor = new Mesh(new PlaneGeometry(w, h), new MeshBasicMaterial({ color: color('floor') }));
+      floor.position.set(w / 2, h / 2, -0.002);
+      ground.add(floor);
+    }
     const grid: number[] = [];
     /** A line of the grid, in pieces that lie on the ground. */
     const ruled = (ax: number, ay: number, bx: number, by: number) => {
-      const pieces = isUneven ? 160 : 1;
+      const pieces = isUneven ? 640 : 1;
       const at = (k: number): [number, number, number] => {
         const [x, y] = [ax + (bx - ax) * k / pieces, ay + (by - ay) * k / pieces];
         return [x, y, over(x, y) + (isUneven ? 0.003 : 0)];
