@@ -44,6 +44,9 @@ pub struct Scenario {
     /// sensor changes no other.
     #[serde(default)]
     pub seed: u64,
+    /// Number of the trial whose random numbers a run has: that of a batch which it repeats.
+    #[serde(default, skip_serializing_if = "defaults::is_first")]
+    pub trial: u64,
     /// Step, duration and integrator.
     pub time: Time,
     /// The arena and its beacons.
@@ -578,6 +581,9 @@ mod defaults {
     }
     pub fn is_count(count: &u64) -> bool {
         *count == self::count()
+    }
+    pub fn is_first(trial: &u64) -> bool {
+        *trial == 0
     }
     pub fn trials() -> u64 {
         1000

@@ -134,7 +134,7 @@ impl Workshop {
             plugin: &plugin,
             folder,
             is_trusted: self.is_trusted,
-            trial: self.trial,
+            trial: self.scenario.trial + self.trial,
             way: self.paths[index].as_ref(),
             reach: &self.reaches[index],
             role,

@@ -276,7 +276,7 @@ pub(crate) fn assemble<T: Scalar>(
     let ticks = |period: f64| -> u64 { (period / step).round().max(1.0) as u64 };
     let ground = build::ground_of(&scenario.terrain, values);
     let relief = plans.relief(loaded)?;
-    let key = (scenario.seed, trial);
+    let key = (scenario.seed, scenario.trial + trial);
     let mut robots = Vec::new();
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
     let mut methods = Vec::new();

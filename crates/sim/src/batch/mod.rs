@@ -264,6 +264,18 @@ impl Batch {
         sampling: Option<Sampling>,
     ) -> Result<Batch, BatchError> {
         let mut loaded = scenario::load(file, overrides)?;
+        if loaded.scenario.trial > 0 {
+            return Err(BatchError::Scenario(Diagnostics(vec![Diagnostic {
+                file: file.to_owned(),
+                at: None,
+                path: "trial".into(),
+                problem: format!(
+                    "must be left out for a batch, got {}",
+                    loaded.scenario.trial
+                ),
+                hint: Some("a batch has the trials from 0 on; `appell run` repeats the one".into()),
+            }])));
+        }
         let mut plan = loaded.scenario.batch.take().unwrap_or_default();
         plan.trials = trials.unwrap_or(plan.trials);
         plan.sampling = sampling.unwrap_or(plan.sampling);

@@ -162,6 +162,23 @@ pub fn check(scenario: &Scenario, folder: &Path) -> Problems {
     if !c.problems.is_empty() {
         return c.problems;
     }
+    c.require(
+        scenario.trial < TRIALS_MAX,
+        "trial".into(),
+        &format!("in [0, {})", TRIALS_MAX),
+        scenario.trial,
+    );
+    let has_more = scenario.batch.is_some() || scenario.robot.iter().any(|robot| robot.count > 1);
+    if scenario.trial > 0 && has_more {
+        c.refuse(
+            "trial",
+            format!(
+                "must be left out beside [batch] or robots by count, got {}",
+                scenario.trial
+            ),
+            "they have the trials from 0 on",
+        );
+    }
     c.period("time.duration".into(), scenario.time.duration, step);
     c.period("record.period".into(), scenario.record.period, step);
     check_arena(&mut c, &scenario.arena);
