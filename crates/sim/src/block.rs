@@ -79,6 +79,10 @@ pub trait Block<T: Scalar = f64>: Send {
     }
     /// Is told that nobody reads energies and the angles of driven wheels: a plant may leave them out.
     fn leave_out(&mut self) {}
+    /// What its steps take, where that is measured.
+    fn cost(&self) -> Option<Cost> {
+        None
+    }
     /// Writes the outputs of the present state; for plants, whose state moves between readings.
     fn observe(&mut self, _input: &[T], _detail: Detail, _output: &mut [T]) {}
     /// Appends the state as bytes, for saving and branching; nothing for a block without one.
@@ -93,6 +97,17 @@ pub trait Block<T: Scalar = f64>: Send {
     fn fits(&self, one: &dyn Any) -> bool;
     /// Takes such a block, which fits, into a lane.
     fn take(&mut self, lane: usize, one: &dyn Any);
+}
+
+/// What steps take, by the clock: nothing that a run depends on, or that is recorded.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cost {
+    /// Steps that were measured.
+    pub steps: u64,
+    /// Time of all of them, s.
+    pub total: f64,
+    /// Longest of them, s.
+    pub longest: f64,
 }
 
 /// What a block does, apart from its wiring: pure work on numbers in lanes.

@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use crate::block::Cost;
 use crate::build::Values;
 use crate::record::{Event, Recorder};
 use crate::run::{Plans, Run, assemble, refuse};
@@ -303,6 +304,11 @@ impl Run {
     /// Names of a robot's controllers, and which of them drives, or takes over at the next step.
     pub fn controllers(&self, robot: usize) -> (&[String], usize) {
         self.world.deciding(robot)
+    }
+
+    /// What steps of one of a robot's controllers take, where that is measured: of plug-ins.
+    pub fn cost(&self, robot: usize, controller: usize) -> Option<Cost> {
+        self.world.cost(robot, controller)
     }
 
     /// All changes of numbers, planned ones, too.

@@ -5,13 +5,15 @@ use std::cell::RefCell;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use appell_model::scalar::Scalar;
 use appell_plugin::{Fault, Limits, Plugin};
 use serde_json::{Value, json};
 
-use crate::block::{Block, BlockError, Detail, Now, Port, Recovery, restore_numbers, save_numbers};
+use crate::block::{
+    Block, BlockError, Cost, Detail, Now, Port, Recovery, restore_numbers, save_numbers,
+};
 use crate::plan;
 use crate::scenario::{OnFailure, Plugin as File, Robot, Scenario, Task};
 
@@ -35,6 +37,9 @@ const COMMANDS: [(&str, &str); 4] = [
     ("command.yaw_rate", "rad/s"),
     ("brake", "1"),
 ];
+
+/// Of so many steps one is measured: looking at the clock takes longer than a short step does.
+const MEASURED: u64 = 8;
 
 /// How a saved plug-in was.
 const FAILED: u8 = 0;
@@ -95,6 +100,9 @@ pub(crate) struct Foreign<T> {
     /// Inputs that do not change, with their places among all, in order.
     constants: Vec<(usize, f64)>,
     values: [Vec<f64>; 2],
+    /// Steps that were made, and what those took that were measured.
+    steps: u64,
+    cost: Cost,
     numbers: PhantomData<T>,
 }
 
@@ -275,6 +283,8 @@ impl<T: Scalar> Foreign<T> {
             hash,
             pool: pool.clone(),
             life: RefCell::new(Life::Running(Box::new(opened), member)),
+            steps: 0,
+            cost: Cost::default(),
             numbers: PhantomData,
         })
     }
@@ -532,7 +542,16 @@ impl<T: Scalar> Block<T> for Foreign<T> {
         }
         // The world moves a model tick by tick.
         let (t, dt) = (now.t.lane(0), now.dt);
+        let is_measured = self.steps % MEASURED == MEASURED - 1;
+        self.steps += 1;
+        let begun = is_measured.then(Instant::now);
         let stepped = self.with(|plugin, member| plugin.step(member, t, dt, &inputs, &mut outputs));
+        if let Some(begun) = begun {
+            let taken = begun.elapsed().as_secs_f64();
+            self.cost.steps += 1;
+            self.cost.total += taken;
+            self.cost.longest = self.cost.longest.max(taken);
+        }
         let result = match stepped {
             Ok(()) => {
                 for (number, &value) in output.iter_mut().zip(&outputs) {
@@ -567,6 +586,10 @@ impl<T: Scalar> Block<T> for Foreign<T> {
 
     fn origin(&self) -> Option<&str> {
         Some(&self.hash)
+    }
+
+    fn cost(&self) -> Option<Cost> {
+        Some(self.cost)
     }
 
     fn save(&self, bytes: &mut Vec<u8>) {

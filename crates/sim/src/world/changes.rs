@@ -4,7 +4,7 @@ use appell_model::scalar::Scalar;
 use serde::{Deserialize, Serialize};
 
 use super::{Shared, Slot, World, gcd};
-use crate::block::{Block, BlockError, Detail, Now, Port, Recovery};
+use crate::block::{Block, BlockError, Cost, Detail, Now, Port, Recovery};
 use crate::foreign::commands_twist;
 use crate::record::Event;
 
@@ -521,7 +521,14 @@ impl World {
         self.events.append(&mut other.events);
     }
 
-    /// Names of a robot's controllers, and which of them drives.
+    /// What steps of one of a robot's controllers take, where that is measured.
+    pub(crate) fn cost(&self, robot: usize, controller: usize) -> Option<Cost> {
+        let own = self.controllers.iter();
+        let mut own = own.filter(|slot| slot.robot == robot && slot.with & (1 << controller) != 0);
+        own.find_map(|slot| slot.block.cost())
+    }
+
+    /// Names of a robot's controllers, and the place of the one that drives, or takes over at the next step.
     pub(crate) fn deciding(&self, robot: usize) -> (&[String], usize) {
         let roster = &self.rosters[robot];
         // What takes over at the next step was chosen already.
