@@ -9,6 +9,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx;
+#[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 pub mod narrow;
 
 use core::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -65,7 +66,11 @@ pub fn widest() -> usize {
             1
         }
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(target_family = "wasm")]
+    {
+        1
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_family = "wasm")))]
     4
 }
 
@@ -78,7 +83,13 @@ pub fn dispatch<J: AnyLanes>(lanes: usize, job: J) -> J::Output {
         4.. => job.run::<avx::Avx4>(),
         _ => job.run::<f64>(),
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    // A page has one trial at a time, and is to load fast.
+    #[cfg(target_family = "wasm")]
+    {
+        let _ = lanes;
+        job.run::<f64>()
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_family = "wasm")))]
     match lanes {
         4.. => job.run::<Lanes4>(),
         _ => job.run::<f64>(),

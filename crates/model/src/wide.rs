@@ -1,6 +1,8 @@
 //! The choice of the instruction set: work that is compiled for each, and done by the widest at hand.
 
-use crate::scalar::{Registers, Scalar};
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::Registers;
+use crate::scalar::Scalar;
 
 /// Work on numbers of one kind, `#[inline(always)]` with all that it calls: what stays a call is
 /// compiled without the instruction set that the work was entered with.

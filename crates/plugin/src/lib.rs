@@ -13,14 +13,22 @@
 
 mod conformance;
 mod contract;
+#[cfg(any(unix, windows))]
 mod fmu;
+#[cfg_attr(not(unix), allow(dead_code, unused_mut))]
 mod folder;
 #[cfg(all(feature = "fuzz", unix))]
 #[doc(hidden)]
 pub mod fuzz;
+// In a page nothing is hosted, and so nothing has members.
+#[cfg_attr(target_family = "wasm", allow(dead_code))]
 mod local;
+#[cfg(any(unix, windows))]
 mod native;
+// Where there are no sockets, none is started; what a file is, and what it may take, is the same there.
+#[cfg_attr(not(unix), allow(dead_code, unused_imports, unused_mut))]
 mod process;
+#[cfg_attr(not(unix), allow(unused_imports))]
 mod serve;
 #[cfg(unix)]
 mod shared;
@@ -39,6 +47,7 @@ pub use process::Limits;
 pub use serve::serve;
 
 use local::Local;
+#[cfg(any(unix, windows))]
 use native::Native;
 use process::{Kind, Process};
 
@@ -80,9 +89,9 @@ impl Plugin {
         }
         let bytes = std::fs::read(file).map_err(unreadable)?;
         let (host, described) = if limits.is_trusted && Kind::of(file) == Kind::Library {
-            let mut native = Native::open_copy(file)?;
-            let described = native.describe()?;
-            (Host::Local(Box::new(native)), described)
+            let mut library = library(file)?;
+            let described = library.describe()?;
+            (Host::Local(library), described)
         } else if Kind::of(file) == Kind::Module {
             let mut module = module(&bytes, &limits)?;
             let described = module.describe()?;
@@ -267,6 +276,18 @@ impl Plugin {
             Host::Local(local) => told("take_over", local.take_over(member, outputs)),
         }
     }
+}
+
+/// Loads a library into this process.
+#[cfg(any(unix, windows))]
+fn library(file: &Path) -> Result<Box<dyn Local>, Fault> {
+    Ok(Box::new(Native::open_copy(file)?))
+}
+
+/// Says that there are no libraries here.
+#[cfg(not(any(unix, windows)))]
+fn library(_file: &Path) -> Result<Box<dyn Local>, Fault> {
+    Err(Fault::new("start", "this system loads no libraries"))
 }
 
 /// Makes an instance of a module.

@@ -1,14 +1,10 @@
 //! What is common to the hosts that run a plug-in in the process they are in.
 
 use std::fmt::Debug;
-use std::path::Path;
 
 use serde_json::Value;
 
 use crate::contract::Fault;
-use crate::fmu::Fmu;
-use crate::native::Native;
-use crate::process::Kind;
 use crate::wire::Call;
 
 /// Version of the interface in C and of modules.
@@ -130,7 +126,12 @@ impl<M: Copy> Members<M> {
 }
 
 /// Loads what is served from a process of its own.
-pub(crate) fn load(file: &Path) -> Result<Box<dyn Local>, Fault> {
+#[cfg(any(unix, windows))]
+pub(crate) fn load(file: &std::path::Path) -> Result<Box<dyn Local>, Fault> {
+    use crate::fmu::Fmu;
+    use crate::native::Native;
+    use crate::process::Kind;
+
     if Kind::of(file) != Kind::Fmu {
         return Ok(Box::new(Native::open(file)?));
     }

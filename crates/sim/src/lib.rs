@@ -38,6 +38,7 @@ pub mod ros;
 pub mod route;
 pub mod run;
 pub mod scenario;
+#[cfg(not(target_family = "wasm"))]
 pub mod sensitivity;
 pub mod sensor;
 pub mod servo;

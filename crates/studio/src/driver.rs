@@ -4,44 +4,16 @@
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use tokio::sync::{oneshot, watch};
 
-use crate::history::History;
+use crate::player::{Fresh, Player};
 use crate::studio::{Command, Refusal, Studio};
+use crate::talk::View;
 
-/// Longest piece of driving between two looks at what was asked for.
-const BREATH: Duration = Duration::from_millis(8);
-/// Shortest time between two pictures.
-pub const FRAME: Duration = Duration::from_millis(16);
-/// Steps driven at once while time runs.
-const TICKS: u64 = 20;
 /// Commands that wait.
 const WAITING_MAX: usize = 256;
-
-/// What pages see of a line.
-#[derive(Clone)]
-pub struct Seen {
-    /// Number.
-    pub id: u32,
-    /// What it is drawn from, as JSON.
-    pub scene: Arc<str>,
-    /// What it has driven.
-    pub history: Arc<Mutex<History>>,
-}
-
-/// What pages see.
-#[derive(Clone)]
-pub struct View {
-    /// Lines.
-    pub lines: Vec<Seen>,
-    /// What else there is, as JSON.
-    pub state: Arc<str>,
-    /// The figures of a batch, as JSON.
-    pub batch: Option<Arc<str>>,
-}
 
 type Asked = (Ask, oneshot::Sender<Result<Value, Refusal>>);
 
@@ -60,28 +32,15 @@ pub struct Driver {
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-fn view(studio: &Studio) -> View {
-    let seen = studio.lines().iter().map(|line| Seen {
-        id: line.id,
-        scene: line.scene.clone(),
-        history: line.history.clone(),
-    });
-    View {
-        lines: seen.collect(),
-        state: studio.state().to_string().into(),
-        batch: studio.batch(),
-    }
-}
-
 impl Driver {
     /// Starts the thread.
     pub fn start(studio: Studio) -> Driver {
         let (send, asked) = channel();
         let (beat, pulse) = watch::channel(0);
-        let shown = Arc::new(Mutex::new(view(&studio)));
+        let shown = Arc::new(Mutex::new(View::of(&studio)));
         let waiting = Arc::default();
         let clock = Clock {
-            studio,
+            player: Player::new(studio),
             asked,
             waiting: Arc::clone(&waiting),
             shown: shown.clone(),
@@ -161,7 +120,7 @@ impl Drop for Driver {
 }
 
 struct Clock {
-    studio: Studio,
+    player: Player,
     asked: Receiver<Asked>,
     waiting: Arc<std::sync::atomic::AtomicUsize>,
     shown: Arc<Mutex<View>>,
@@ -170,18 +129,9 @@ struct Clock {
 
 impl Clock {
     fn go_on(mut self) {
-        // Time of the run and of the clock at which they agreed last.
-        let mut agreed: Option<(f64, Instant)> = None;
-        let mut published = Instant::now();
-        let (mut is_new, mut is_changed) = (false, false);
         loop {
             // Asked for since the last look; at rest, wait for it.
-            let wait = match (self.studio.is_playing, is_new || is_changed) {
-                (true, _) => Duration::from_millis(1),
-                (false, true) => FRAME,
-                (false, false) => Duration::from_secs(3600),
-            };
-            let first = match self.asked.recv_timeout(wait) {
+            let first = match self.asked.recv_timeout(self.player.rest()) {
                 Ok(asked) => Some(asked),
                 Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -194,73 +144,19 @@ impl Clock {
                 self.waiting
                     .fetch_sub(1, std::sync::atomic::Ordering::Relaxed);
                 let result = match ask {
-                    Ask::Command(command) => self.studio.handle(*command),
-                    Ask::Recording(line, file) => self.write_recording(line, &file),
+                    Ask::Command(command) => self.player.handle(*command),
+                    Ask::Recording(line, file) => self.player.studio.write_recording(line, &file),
                 };
-                is_changed = true;
-                agreed = None;
                 // Whoever asked may have gone.
                 let _ = answer.send(result);
             }
-            if self.studio.is_playing {
-                let events = self.events();
-                is_new |= self.drive(&mut agreed);
-                // What happened, and an end, are told at once.
-                is_changed |= self.events() != events || !self.studio.is_playing;
-            } else {
-                agreed = None;
-            }
-            if (is_new || is_changed) && published.elapsed() >= FRAME {
-                if is_changed {
-                    *self.shown.lock().expect("nothing panics with it") = view(&self.studio);
+            if let Some(fresh) = self.player.turn() {
+                if fresh == Fresh::State {
+                    let view = View::of(&self.player.studio);
+                    *self.shown.lock().expect("nothing panics with it") = view;
                 }
                 self.beat.send_modify(|count| *count += 1);
-                published = Instant::now();
-                (is_new, is_changed) = (false, false);
             }
         }
-    }
-
-    fn events(&self) -> usize {
-        let history = self.studio.active().history.lock();
-        history.expect("nothing panics with it").events.len()
-    }
-
-    /// Lets the run go on to where the clock is, for a breath at most.
-    fn drive(&mut self, agreed: &mut Option<(f64, Instant)>) -> bool {
-        let begun = Instant::now();
-        let rows = self.studio.active().rows();
-        let time = self.studio.active().now();
-        let (from, since) = *agreed.get_or_insert((time, begun));
-        let step = self.studio.active().step();
-        while begun.elapsed() < BREATH {
-            let ticks = match self.studio.speed {
-                None => TICKS,
-                Some(speed) => {
-                    let due = from + since.elapsed().as_secs_f64() * speed;
-                    let behind = (due - self.studio.active().now()) / step;
-                    if behind < 1.0 {
-                        break;
-                    }
-                    (behind as u64).min(TICKS)
-                }
-            };
-            if !self.studio.advance(ticks) {
-                break;
-            }
-        }
-        if begun.elapsed() >= BREATH {
-            // What cannot be kept up with is not made up for.
-            *agreed = None;
-        }
-        self.studio.active().rows() != rows
-    }
-
-    fn write_recording(&self, line: u32, file: &std::path::Path) -> Result<Value, Refusal> {
-        let line = self.studio.lines().iter().find(|one| one.id == line);
-        let line = line.ok_or_else(|| Refusal::new("there is no such line", ""))?;
-        line.write_recording(file)
-            .map(|()| Value::Null)
-            .map_err(|error| Refusal::new(error.to_string(), ""))
     }
 }

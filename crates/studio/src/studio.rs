@@ -496,6 +496,18 @@ impl Studio {
         )
     }
 
+    /// Writes the recording of a line, in the format that the file's extension names.
+    ///
+    /// # Errors
+    /// There is no such line, or the file cannot be written.
+    pub fn write_recording(&self, line: u32, file: &Path) -> Result<Value, Refusal> {
+        let line = self.lines.iter().find(|one| one.id == line);
+        let line = line.ok_or_else(|| Refusal::new("there is no such line", ""))?;
+        line.write_recording(file)
+            .map(|()| Value::Null)
+            .map_err(|error| Refusal::new(error.to_string(), ""))
+    }
+
     /// The figures of the batch that is open, as JSON.
     pub fn batch(&self) -> Option<Arc<str>> {
         self.batch.as_ref().map(|opened| opened.text.clone())

@@ -4,13 +4,10 @@
 //! the page's own, so that no page of another site reaches it, not even by a name that resolves to loopback.
 //! Bodies, messages, rates and connections are bounded; no name of a file in an address reaches the file system.
 
-use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
-use appell_model::wheel_legged::obstacle::Obstacle;
-use appell_sim::crossing::{Build, cross, drawing};
 use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
@@ -20,15 +17,15 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Json, Response};
 use axum::routing::{get, post};
 use futures_util::{SinkExt, StreamExt};
-use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::json;
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, mpsc, watch};
 
-use crate::driver::{Driver, FRAME};
+use crate::driver::Driver;
 use crate::panels::Panels;
+use crate::player::FRAME;
 use crate::studio::{Command, Refusal, is_plain};
-use crate::wire;
+use crate::talk::{self, Obstructed, Said, SeriesRequest, Told};
 
 /// Longest body or message, bytes.
 const MESSAGE_MAX: usize = 64 << 10;
@@ -41,11 +38,6 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Messages of a page per second, and at once.
 const RATE: f64 = 400.0;
 const BURST: f64 = 800.0;
-/// Widest picture of series, points, and most signals in it.
-const POINTS_MAX: usize = 8192;
-const SIGNALS_MAX: usize = 64;
-/// Longest obstacle that is asked about, m.
-const LENGTH_MAX: f64 = 10.0;
 /// Longest time in which a page has to take a frame.
 const STALLED: Duration = Duration::from_secs(60);
 
@@ -188,7 +180,7 @@ fn router(server: Arc<Server>) -> Router {
         .route("/{token}/api/openapi.json", get(openapi))
         .route("/{token}/api/command", post(command))
         .route("/{token}/api/series", get(series))
-        .route("/{token}/api/lines/{line}/recording.mcap", get(recording))
+        .route("/{token}/api/lines/{line}/{file}", get(recording))
         .fallback(async || StatusCode::NOT_FOUND)
         .layer(DefaultBodyLimit::max(MESSAGE_MAX))
         .layer(middleware::from_fn_with_state(server.clone(), guard))
@@ -359,40 +351,11 @@ async fn batch(State(server): Shared) -> Response {
     }
 }
 
-/// An obstacle: a step, or a trench with its width.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Obstructed {
-    height: f64,
-    width: Option<f64>,
-}
-
 /// What a wheel-legged robot does about an obstacle, instant by instant.
 async fn crossing(Query(asked): Query<Obstructed>) -> Response {
-    let lengths = [asked.height, asked.width.unwrap_or(0.0)];
-    if lengths
-        .iter()
-        .any(|length| !(0.0..=LENGTH_MAX).contains(length))
-    {
-        let problem = format!("height and width must be in [0, {LENGTH_MAX}] m");
-        let refusal = Refusal::new(problem, "");
-        return (StatusCode::UNPROCESSABLE_ENTITY, Json(refused(&refusal))).into_response();
-    }
-    let obstacle = match asked.width {
-        None => Obstacle::Step {
-            height: asked.height,
-        },
-        Some(width) => Obstacle::Trench {
-            width,
-            depth: asked.height,
-        },
-    };
-    let drawing = tokio::task::spawn_blocking(move || {
-        let build = Build::ASSUMED;
-        drawing(&obstacle, &build, &cross(&obstacle, &build))
-    });
-    match drawing.await {
-        Ok(data) => Json(data).into_response(),
+    match tokio::task::spawn_blocking(move || asked.crossed()).await {
+        Ok(Ok(data)) => Json(data).into_response(),
+        Ok(Err(refusal)) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refusal)).into_response(),
         Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     }
 }
@@ -405,118 +368,57 @@ async fn openapi() -> Response {
         .into_response()
 }
 
-fn refused(refusal: &Refusal) -> Value {
-    json!({"path": refusal.path, "problem": refusal.problem, "hint": refusal.hint})
-}
-
 async fn command(State(server): Shared, body: axum::body::Bytes) -> Response {
     let command = match serde_json::from_slice::<Command>(&body) {
         Ok(command) => command,
         Err(error) => {
             let refusal = Refusal::new(error.to_string(), "the book lists the commands");
-            return (StatusCode::BAD_REQUEST, Json(refused(&refusal))).into_response();
+            return (StatusCode::BAD_REQUEST, Json(refusal)).into_response();
         }
     };
     match server.driver.command(command).await {
         Ok(value) => Json(value).into_response(),
-        Err(refusal) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refused(&refusal))).into_response(),
-    }
-}
-
-/// A request for series.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SeriesRequest {
-    line: u32,
-    /// Paths; in an address separated by commas.
-    signals: Paths,
-    from: f64,
-    to: f64,
-    points: usize,
-    /// Whether amplitudes by frequency are asked for, instead of values by time.
-    #[serde(default)]
-    spectrum: bool,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
-enum Paths {
-    List(Vec<String>),
-    Text(String),
-}
-
-impl SeriesRequest {
-    fn find(&self, driver: &Driver) -> Result<crate::history::Series, Refusal> {
-        let paths = match &self.signals {
-            Paths::List(paths) => paths.clone(),
-            Paths::Text(text) => text.split(',').map(str::to_owned).collect(),
-        };
-        if paths.len() > SIGNALS_MAX || !(1..=POINTS_MAX).contains(&self.points) {
-            return Err(Refusal::new(
-                format!("must be at most {SIGNALS_MAX} signals and 1 to {POINTS_MAX} points"),
-                "",
-            ));
-        }
-        if !(self.from.is_finite() && self.to.is_finite()) {
-            return Err(Refusal::new("from and to must be finite times, s", ""));
-        }
-        let view = driver.view();
-        let line = view.lines.iter().find(|line| line.id == self.line);
-        let line =
-            line.ok_or_else(|| Refusal::new(format!("there is no line {}", self.line), ""))?;
-        let history = line.history.lock().expect("nothing panics with it");
-        Ok(match self.spectrum {
-            false => history.series(&paths, self.from, self.to, self.points),
-            true => history.spectrum(&paths, self.from, self.to, self.points),
-        })
+        Err(refusal) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refusal)).into_response(),
     }
 }
 
 /// Series as CSV, in full where points are enough.
 async fn series(State(server): Shared, Query(asked): Query<SeriesRequest>) -> Response {
-    match asked.find(&server.driver) {
-        Ok(series) => {
-            let mut text = String::from(if asked.spectrum { "frequency" } else { "t" });
-            let names = match &asked.signals {
-                Paths::List(paths) => paths.join(","),
-                Paths::Text(text) => text.clone(),
-            };
-            text.push(',');
-            text.push_str(&names);
-            for (k, t) in series.times.iter().enumerate() {
-                text.push_str(&format!("\n{t}"));
-                for column in &series.columns {
-                    text.push_str(&format!(",{}", column[k]));
-                }
-            }
-            text.push('\n');
-            ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], text).into_response()
-        }
-        Err(refusal) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refused(&refusal))).into_response(),
+    match asked.table(&server.driver.view()) {
+        Ok(text) => ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], text).into_response(),
+        Err(refusal) => (StatusCode::UNPROCESSABLE_ENTITY, Json(refusal)).into_response(),
     }
 }
 
-async fn recording(State(server): Shared, Path((_, line)): Path<(String, u32)>) -> Response {
-    let Ok(name) = token() else {
+/// The recording of a line, in the format that the name of the file says.
+async fn recording(
+    State(server): Shared,
+    Path((_, line, name)): Path<(String, u32, String)>,
+) -> Response {
+    let format = name.strip_prefix("recording.");
+    let Some(format) = format.filter(|format| ["mcap", "csv", "parquet"].contains(format)) else {
+        return StatusCode::NOT_FOUND.into_response();
+    };
+    let Ok(own) = token() else {
         return StatusCode::INTERNAL_SERVER_ERROR.into_response();
     };
-    let file = std::env::temp_dir().join(format!("appell-{name}.mcap"));
+    let file = std::env::temp_dir().join(format!("appell-{own}.{format}"));
     let written = server.driver.recording(line, file.clone()).await;
     let bytes = std::fs::read(&file);
     let _ = std::fs::remove_file(&file);
     match (written, bytes) {
         (Ok(_), Ok(bytes)) => (
             [
-                (header::CONTENT_TYPE, "application/octet-stream"),
+                (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
                 (
                     header::CONTENT_DISPOSITION,
-                    "attachment; filename=\"recording.mcap\"",
+                    format!("attachment; filename=\"{name}\""),
                 ),
             ],
             bytes,
         )
             .into_response(),
-        (Err(refusal), _) => (StatusCode::NOT_FOUND, Json(refused(&refusal))).into_response(),
+        (Err(refusal), _) => (StatusCode::NOT_FOUND, Json(refusal)).into_response(),
         (_, Err(error)) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
     }
 }
@@ -537,22 +439,6 @@ async fn socket(State(server): Shared, upgrade: WebSocketUpgrade) -> Response {
             page(socket, &server.driver, server.listed.clone()).await;
             drop(place);
         })
-}
-
-/// What a page says.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Said {
-    Series {
-        series: u32,
-        #[serde(flatten)]
-        asked: SeriesRequest,
-    },
-    Command {
-        id: u32,
-        #[serde(flatten)]
-        command: Box<Command>,
-    },
 }
 
 /// Allows so many messages a second.
@@ -608,8 +494,7 @@ async fn page(socket: WebSocket, driver: &Arc<Driver>, mut listed: watch::Receiv
     };
     let showing = async move {
         let mut pulse = driver.pulse();
-        let mut sent: BTreeMap<u32, usize> = BTreeMap::new();
-        let mut told: Option<Arc<str>> = None;
+        let mut told = Told::default();
         pulse.mark_changed();
         listed.mark_changed();
         loop {
@@ -622,8 +507,8 @@ async fn page(socket: WebSocket, driver: &Arc<Driver>, mut listed: watch::Receiv
                 }
                 changed = pulse.changed() => {
                     if changed.is_err() { return; }
-                    for message in news(driver, &mut sent, &mut told) {
-                        if !send(&mut out, message).await { return; }
+                    for message in told.news(&driver.view()) {
+                        if !send(&mut out, carried(message)).await { return; }
                     }
                     tokio::time::sleep(FRAME).await;
                 }
@@ -647,65 +532,18 @@ async fn send(out: &mut (impl SinkExt<Message> + Unpin), message: Message) -> bo
     matches!(sent, Ok(Ok(())))
 }
 
-/// What a page has not seen yet: scenes of new lines, the state, and rows.
-fn news(
-    driver: &Driver,
-    sent: &mut BTreeMap<u32, usize>,
-    told: &mut Option<Arc<str>>,
-) -> Vec<Message> {
-    let view = driver.view();
-    let mut messages = Vec::new();
-    for line in &view.lines {
-        if !sent.contains_key(&line.id) {
-            let text = format!(
-                "{{\"kind\":\"line\",\"id\":{},\"scene\":{}}}",
-                line.id, line.scene
-            );
-            messages.push(Message::text(text));
-        }
-    }
-    if told
-        .as_ref()
-        .is_none_or(|told| !Arc::ptr_eq(told, &view.state))
-    {
-        messages.push(Message::text(view.state.to_string()));
-        *told = Some(view.state.clone());
-    }
-    sent.retain(|id, _| view.lines.iter().any(|line| line.id == *id));
-    for line in &view.lines {
-        let history = line.history.lock().expect("nothing panics with it");
-        let seen = sent.entry(line.id).or_insert(0);
-        if history.rows() > *seen {
-            messages.push(Message::Binary(wire::rows(line.id, &history, *seen).into()));
-            *seen = history.rows();
-        }
-    }
-    messages
+async fn reply(driver: &Arc<Driver>, text: &str) -> Message {
+    carried(match Said::read(text) {
+        Ok(Said::Series { series, asked }) => talk::series(series, &asked, &driver.view()),
+        Ok(Said::Command { id, command }) => talk::answer(id, driver.command(*command).await),
+        Err(refusal) => refusal,
+    })
 }
 
-async fn reply(driver: &Arc<Driver>, text: &str) -> Message {
-    let no = |id: Option<u32>, refusal: &Refusal| {
-        Message::text(json!({"kind": "refused", "re": id, "error": refused(refusal)}).to_string())
-    };
-    match serde_json::from_str::<Said>(text) {
-        Ok(Said::Series { series, asked }) => match asked.find(driver) {
-            Ok(found) => Message::Binary(wire::series(series, asked.line, &found).into()),
-            Err(refusal) => no(None, &refusal),
-        },
-        Ok(Said::Command { id, command }) => match driver.command(*command).await {
-            Ok(value) => {
-                Message::text(json!({"kind": "done", "re": id, "value": value}).to_string())
-            }
-            Err(refusal) => no(Some(id), &refusal),
-        },
-        Err(error) => {
-            let id = serde_json::from_str::<Value>(text).ok();
-            let id = id.and_then(|said| said["id"].as_u64());
-            let refusal = Refusal::new(
-                format!("is no command: {error}"),
-                "the book lists the commands",
-            );
-            no(id.and_then(|id| u32::try_from(id).ok()), &refusal)
-        }
+/// A message as the socket carries it.
+fn carried(message: talk::Message) -> Message {
+    match message {
+        talk::Message::Text(text) => Message::text(text),
+        talk::Message::Binary(bytes) => Message::Binary(bytes.into()),
     }
 }

@@ -115,7 +115,7 @@ pub fn run(root: &Path) -> Result<(), String> {
 }
 
 /// Whether the toolchain compiles for a target.
-fn has_target(root: &Path, target: &str) -> bool {
+pub(crate) fn has_target(root: &Path, target: &str) -> bool {
     let output = Command::new("rustup")
         .args(["target", "list", "--installed"])
         .current_dir(root)
@@ -169,6 +169,12 @@ fn provide(root: &Path) -> Result<(), String> {
         has_target(root, "wasm32-unknown-unknown"),
         "rustup",
         &["target", "add", "wasm32-unknown-unknown"],
+    )?;
+    need(
+        "the target wasm32-wasip1, which the demo of the studio is compiled for",
+        has_target(root, crate::demo::TARGET),
+        "rustup",
+        &["target", "add", crate::demo::TARGET],
     )?;
     need(
         "clang and lld",

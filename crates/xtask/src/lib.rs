@@ -1,6 +1,7 @@
 //! Chores of the project, as functions that its tests can call.
 
 pub mod checks;
+pub mod demo;
 pub mod docs;
 pub mod layouts;
 pub mod studio;

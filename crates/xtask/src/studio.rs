@@ -1,12 +1,12 @@
 //! `cargo xtask studio`: the page of the studio, then the program with the page inside; and their tests.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Least version of Node that builds the page.
 const NODE: (u32, u32) = (20, 19);
 
-fn run(folder: &Path, program: &str, arguments: &[&str]) -> Result<(), String> {
+pub(crate) fn run(folder: &Path, program: &str, arguments: &[&str]) -> Result<(), String> {
     println!("\n== {program} {}", arguments.join(" "));
     let status = Command::new(program)
         .args(arguments)
@@ -27,8 +27,8 @@ fn node() -> Option<(u32, u32)> {
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
-/// Builds the page, and the studio and `appell` around it.
-pub fn build(root: &Path) -> Result<(), String> {
+/// The folder of the page, with what it is built from.
+pub(crate) fn page(root: &Path) -> Result<PathBuf, String> {
     if node().is_none_or(|version| version < NODE) {
         let (major, minor) = NODE;
         return Err(format!(
@@ -37,6 +37,12 @@ pub fn build(root: &Path) -> Result<(), String> {
     }
     let page = root.join("crates/studio/page");
     run(&page, "npm", &["ci"])?;
+    Ok(page)
+}
+
+/// Builds the page, and the studio and `appell` around it.
+pub fn build(root: &Path) -> Result<(), String> {
+    let page = page(root)?;
     run(&page, "npm", &["run", "build"])?;
     let arguments =
         "build --release --workspace --features appell/wasm --bin appell --bin appell-studio";
@@ -58,5 +64,6 @@ pub fn check(root: &Path) -> Result<(), String> {
         println!("\n== the page of the studio is built, but not tested: there is no chromium");
         return Ok(());
     }
+    crate::demo::build(root, &crate::demo::default_folder(root))?;
     run(&root.join("crates/studio/page"), "npm", &["test"])
 }

@@ -18,8 +18,8 @@ use std::fs::File;
 use std::path::Path;
 
 use serde_json::Value;
-use zstd::bulk::{Compressor, Decompressor};
 
+use super::compression::{self, Compressor, Decompressor};
 use super::container::{FOOTER, MAGIC, PREFIX, Put, Take, op, record};
 use super::outlet::{Outlet, Sink};
 use super::protobuf::Layout;
@@ -217,7 +217,7 @@ impl<W: Sink> Mcap<W> {
         chunk.compressed.clear();
         chunk
             .compressed
-            .reserve(zstd::zstd_safe::compress_bound(chunk.records.len()));
+            .reserve(compression::compress_bound(chunk.records.len()));
         self.compressor
             .compress_to_buffer(&chunk.records, &mut chunk.compressed)
             .map_err(|source| RecordError::io(&self.outlet.path, source))?;
@@ -227,7 +227,7 @@ impl<W: Sink> Mcap<W> {
             body.u64(end);
             body.u64(chunk.records.len() as u64);
             body.u32(crc32fast::hash(&chunk.records));
-            body.blob(b"zstd");
+            body.blob(compression::NAME);
             body.u64(chunk.compressed.len() as u64);
             body.extend_from_slice(&chunk.compressed);
         });
@@ -240,7 +240,7 @@ impl<W: Sink> Mcap<W> {
             body.u64(length);
             body.blob(&index_offsets);
             body.u64(index_length);
-            body.blob(b"zstd");
+            body.blob(compression::NAME);
             body.u64(chunk.compressed.len() as u64);
             body.u64(chunk.records.len() as u64);
         });

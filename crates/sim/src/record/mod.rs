@@ -12,6 +12,7 @@
 //!
 //! The same rows give the same bytes: no clock, no random number, no host name enters a file.
 
+mod compression;
 mod container;
 mod csv;
 mod error;

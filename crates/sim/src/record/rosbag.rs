@@ -10,8 +10,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use zstd::bulk::{Compressor, Decompressor};
 
+use super::compression::{self, Compressor, Decompressor};
 use super::container::{MAGIC, Put, Take, op, record};
 use super::outlet::Outlet;
 use super::{Event, Header, RecordError, Recorder, Stage, check_begin, check_event, check_row};
@@ -133,7 +133,7 @@ impl Rosbag {
             body.u64(end);
             body.u64(self.chunk.len() as u64);
             body.u32(crc32fast::hash(&self.chunk));
-            body.blob(b"zstd");
+            body.blob(compression::NAME);
             body.u64(compressed.len() as u64);
             body.extend_from_slice(&compressed);
         });
@@ -162,7 +162,7 @@ impl Rosbag {
             body.u64(length);
             body.blob(&offsets);
             body.u64(indexes);
-            body.blob(b"zstd");
+            body.blob(compression::NAME);
             body.u64(compressed.len() as u64);
             body.u64(self.chunk.len() as u64);
         });

@@ -1,12 +1,14 @@
 // The page: what stands where, the keys, and the time that is looked at.
 
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import { DEMO, find } from './carrier';
 import { Column, FIRST, where, opened, type Layout } from './dock';
 import { type Theme } from './look';
 import { remember, remembered } from './memory';
 import { Link, type Line, type LineState, type PlotSpec, type Refusal } from './net';
 import { BUILT } from './panels';
 import { preferred } from './panels/plots';
+import { takeFile } from './save';
 import { Side } from './side';
 import type { Follow, Studio } from './studio';
 import { SPEEDS, Transport } from './transport';
@@ -50,6 +52,8 @@ export function App() {
     rowsLater.current = setTimeout(() => redraw(n => n + 1), 60);
   }), []);
 
+  // A page without a server has no other interface for programs.
+  if (DEMO) Object.assign(window, { appell: { find, do: (command: Record<string, unknown>) => link.do(command), get state() { return link.state; } } });
   // Before anything is drawn: canvases take their colors from it.
   document.documentElement.dataset.theme = theme;
   useEffect(() => { remember('theme', theme); dispatchEvent(new Event('studio-redraw')); redraw(n => n + 1); }, [theme]);
@@ -211,7 +215,7 @@ export function App() {
     return () => { removeEventListener('keydown', down); removeEventListener('keyup', up); removeEventListener('blur', blur); };
   });
 
-  if (!state || !line || !about) return <main class="wait"><h1>Appell Studio</h1><p role="status">{link.isOpen ? tr('The run is being opened …') : tr('Looking for the studio … If it has ended, start it again with “appell studio”.')}</p></main>;
+  if (!state || !line || !about) return <main class="wait"><h1>Appell Studio</h1><p role="status">{link.problem || (DEMO ? tr('The studio is loaded into this page …') : link.isOpen ? tr('The run is being opened …') : tr('Looking for the studio … If it has ended, start it again with “appell studio”.'))}</p></main>;
 
   const driven = state.lines.filter(one => one.kind !== 'ghost');
   const others = state.lines.filter(one => one.id !== state.active && link.lines.has(one.id)).map(one => {
@@ -236,12 +240,13 @@ export function App() {
           {!state.scenarios.includes(state.file.replace(/\.toml$/, '')) && <option value={state.file.replace(/\.toml$/, '')}>{state.file}</option>}
           {state.scenarios.map(name => <option value={name}>{name}.toml</option>)}
         </select>{state.saved ? <em>{tr('saved as')} {state.saved}.toml</em> : state.changed && <em>{tr('changed')}</em>}</label>
+      {DEMO && <span class="demo" title={tr('The whole studio runs in this page; nothing is sent anywhere. Batches, plug-ins and panels of a folder need the program.')}>{tr('demo')}</span>}
       <span class="verdict" role="status" data-verdict={about.verdict ?? ''}>{verdictOf(about)}</span>
       <span class="grow" />
       <button onClick={() => void run({ do: 'undo' })} disabled={!state.undo} title={state.undo ? `${tr('Undo')}: ${state.undo}` : tr('Nothing to undo')}>{tr('Undo')} <kbd>Ctrl Z</kbd></button>
       <button class="opt" onClick={() => void run({ do: 'redo' })} disabled={!state.redo} title={state.redo ? `${tr('Redo')}: ${state.redo}` : tr('Nothing to redo')}>{tr('Redo')}</button>
       <button onClick={() => setDialog('save')} title={tr('Save what was done as a scenario that repeats it bit for bit')}>{tr('Save scenario')} <kbd>Ctrl S</kbd></button>
-      <a class="button opt" href={`api/lines/${state.active}/recording.mcap`} download={`${line.scene.name}.mcap`} title={tr('The recording of this line, MCAP')}>{tr('Recording')}</a>
+      <a class="button opt" href={`api/lines/${state.active}/recording.mcap`} download={`${line.scene.name}.mcap`} onClick={e => { if (DEMO) { e.preventDefault(); void takeFile(`api/lines/${state.active}/recording.mcap`, `${line.scene.name}.mcap`); } }} title={tr('The recording of this line, MCAP')}>{tr('Recording')}</a>
       <button onClick={() => setTheme(theme === 'dark' ? 'light' : 'dark')} title={`${tr('Light or dark')} (T)`}>{theme === 'dark' ? tr('Light') : tr('Dark')}</button>
       <button onClick={() => setDialog('keys')} title={`${tr('All keys')} (?)`} aria-label={tr('All keys')}>?</button>
       <select class="language" aria-label={tr('Language')} title={tr('Language')} value={language} onChange={e => { const next = (e.target as HTMLSelectElement).value as Language; setLanguage(next); speak(next); }}>{LANGUAGES.map(([code, name]) => <option value={code}>{name}</option>)}</select>
@@ -253,14 +258,14 @@ export function App() {
       {error && <div class="error" role="alert"><b>{error.path || tr('Not done')}</b><span>{error.problem}</span>{error.hint && <em>{error.hint}</em>}<button class="x" aria-label={tr('Close')} onClick={() => setError(null)}>×</button></div>}
       {state.notice && <div class="error quiet" role="status"><span>{state.notice}</span></div>}
       {done && <div class="error quiet" role="status"><span>{done}</span></div>}
-      {!link.isOpen && <div class="error" role="alert"><b>{tr('No connection')}</b><span>{tr('The studio does not answer. What was driven stays with it; this page joins again by itself.')}</span></div>}
+      {!link.isOpen && <div class="error" role="alert"><b>{tr('No connection')}</b><span>{link.problem || tr('The studio does not answer. What was driven stays with it; this page joins again by itself.')}</span></div>}
       {hand && <div class="card drive" role="status"><span>{tr('You drive')} <b>{hand.name}</b>:</span>{['W', 'A', 'S', 'D'].map(k => <kbd>{k}</kbd>)}<span>{state.playing ? '' : `– ${tr('press Space to let time run')}`}</span></div>}
       {placing && <div class="card drive" role="status">{tr('Click where the beacon shall stand; Esc to leave it.')}</div>}
     </main>
     <aside class="right" id="plots" tabIndex={-1} aria-label={tr('Panels')}><Column areas={['right', 'below']} {...dock} /></aside>
     <Transport state={state} line={line} about={about} lines={driven} times={id => link.lines.get(id)?.end ?? 0} t={t} cursor={cursorShown} replaying={replaying.current} play={play} seek={seek} run={run} branch={branch} />
     {dialog === 'keys' && <Dialog title={tr('Keys')} close={() => setDialog(null)}><dl class="keys">{KEYS.map(([key, what]) => <><dt>{key.split(', ').map((k, i) => <>{i > 0 && ', '}<kbd>{k}</kbd></>)}</dt><dd>{tr(what)}</dd></>)}</dl></Dialog>}
-    {dialog === 'save' && <Save name={state.saved ?? `${line.scene.name}-mine`} close={() => setDialog(null)} save={(name, replace) => link.do({ do: 'save', name, replace }).then(value => { setDialog(null); say(`${tr('Saved. It repeats this run bit for bit:')} ${(value as { run: string }).run}`); })} />}
+    {dialog === 'save' && <Save name={state.saved ?? `${line.scene.name}-mine`} close={() => setDialog(null)} save={(name, replace) => link.do({ do: 'save', name, replace }).then(value => { setDialog(null); if (DEMO) void takeFile(`scenarios/${name}.toml`, `${name}.toml`); say(`${tr('Saved. It repeats this run bit for bit:')} ${DEMO ? `appell run ${name}.toml` : (value as { run: string }).run}`); })} />}
   </>;
 }
 
@@ -288,7 +293,7 @@ function Save({ name, close, save }: { name: string; close: () => void; save: (n
   const [refusal, setRefusal] = useState<Refusal | null>(null);
   return <Dialog title={tr('Save scenario')} close={close}><form onSubmit={e => { e.preventDefault(); save(text, replace).catch(setRefusal); }}>
     <label>{tr('Name')} <input type="text" value={text} onInput={e => setText((e.target as HTMLInputElement).value)} autoFocus /> .toml</label>
-    <p class="note">{tr('Beside the scenario that was opened. With every change at its time it repeats this line bit for bit.')}</p>
+    <p class="note">{DEMO ? tr('Kept in this page and handed to you as a file. With every change at its time it repeats this line bit for bit.') : tr('Beside the scenario that was opened. With every change at its time it repeats this line bit for bit.')}</p>
     <label class="check"><input type="checkbox" checked={replace} onChange={e => setReplace((e.target as HTMLInputElement).checked)} /> {tr('replace a file of this name')}</label>
     {refusal && <p class="wrong" role="alert">{refusal.problem}{refusal.hint && `; ${refusal.hint}`}</p>}
     <footer><button type="button" onClick={close}>{tr('Cancel')}</button><button class="main" type="submit">{tr('Save')}</button></footer>

@@ -2,6 +2,7 @@
 
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { DARK, LIGHT } from '../../../sim/web/draw.js';
+import { find } from './carrier';
 import type { PanelInfo } from './net';
 import type { Frame, Look, OwnHost, OwnModule, Panel, PanelScene } from './panel';
 import { Sandbox } from './sandbox';
@@ -214,7 +215,7 @@ function Box({ panel, module, studio, named, close }: { panel: string; module: O
         drawn = name;
         if (key !== shown) { shown = key; sandbox.draw(next); }
       };
-      fetch(`panels/${name}.js`).then(async answer => {
+      find(`panels/${name}.js`).then(async answer => {
         if (!answer.ok) throw new Error(`panels/${name}.js ${tr('cannot be read')}: ${answer.status}`);
         const source = await answer.text();
         if (isOver) return;

@@ -1,5 +1,6 @@
-// The socket: what the server says becomes lines that grow, and a state; what people do becomes commands.
+// What the studio says becomes lines that grow, and a state; what people do becomes commands.
 
+import { connect, DEMO, type Carrier } from './carrier';
 import type { Robot, Run, Tracks } from '../../../sim/web/run.js';
 
 export type RunEvent = { n: number; t: number; robot: string; kind: string; text: string; detail: string | null; position: [number, number] | null };
@@ -12,17 +13,19 @@ export type Metric = { name: string; value: number | string | null; unit: string
 /** A panel of the project, and what differs when its file was written anew. */
 export type PanelInfo = { name: string; version: string };
 export type RobotState = {
-  name: string; level: string; drive: string; task: string | null; driving: string | null; offers: string[];
+  name: string; platform: string; level: string; drive: string; task: string | null; driving: string | null; offers: string[];
   controllers: { name: string; kind: string; law: string | null; file: string | null }[];
 };
 export type State = {
   file: string; playing: boolean; speed: number; active: number; lines: LineState[]; undo: string | null; redo: string | null;
   changed: boolean; saved: string | null; notice: string | null; scenarios: string[]; changes: [number, string, number][];
   robots: RobotState[]; beacons: { name: string; position: [number, number]; radius: number }[]; ghosts: string[]; batch: boolean;
+  /** What can be chosen: robot files, kinds of tasks, recordings that can be laid beside. */
+  found: { platforms: string[]; tasks: string[]; recordings: string[] };
   plugins: { named: PluginInfo[]; files: { file: string; host: string; hash: string | null }[] };
 };
 /** A plug-in that the scenario names. */
-export type PluginInfo = { robot: string; name: string; file: string; host: string; hash: string | null; period: number; standby: boolean };
+export type PluginInfo = { robot: string; name: string; file: string; host: string; hash: string | null; period: number; standby: boolean; /** What a step has taken, s; null before the first. */ cost: { mean: number; longest: number; steps: number } | null };
 export type PlotSpec = { title: string; unit: string; lines: { signal: string; label: string; role: string }[]; limits?: { value: number; label: string }[]; scale?: number; kind?: 'time' | 'phase' | 'spectrum'; /** What a phase plot has on its other axis. */ x?: string };
 export type Scene = {
   extra: { title?: string; arena: Run['arena']; robots: Robot[] }; name: string; hash: string; step: number; period: number;
@@ -97,31 +100,34 @@ export class Link {
   state: State | null = null;
   panels: PanelInfo[] = [];
   isOpen = false;
+  /** Why nothing is heard any more, where it is known. */
+  problem = '';
   /** Bytes that came, for the foot of the page. */
   bytes = 0;
-  private socket: WebSocket | null = null;
+  private carrier: Carrier | null = null;
   private next = 1;
   private waiting = new Map<number, Waiting>();
   private asked = new Map<number, (series: Series) => void>();
   private retry = 500;
 
-  constructor(private readonly onState: () => void, private readonly onRows: () => void) { this.open(); }
+  constructor(private readonly onState: () => void, private readonly onRows: () => void) { void this.open(); }
 
-  private open(): void {
-    const socket = new WebSocket(new URL('socket', location.href).href.replace(/^http/, 'ws'));
-    this.socket = socket;
-    socket.binaryType = 'arraybuffer';
-    socket.onopen = () => { this.isOpen = true; this.retry = 500; this.lines.clear(); this.onState(); };
-    socket.onclose = () => {
+  private async open(): Promise<void> {
+    const carrier = await connect();
+    this.carrier = carrier;
+    carrier.onopen = () => { this.isOpen = true; this.retry = 500; this.lines.clear(); this.onState(); };
+    carrier.onclose = () => {
       this.isOpen = false;
-      for (const { failed } of this.waiting.values()) failed({ path: '', problem: 'the studio does not answer', hint: 'start it again; this page joins by itself' });
+      this.problem = carrier.problem ?? '';
+      for (const { failed } of this.waiting.values()) failed({ path: '', problem: 'the studio does not answer', hint: DEMO ? 'reload the page' : 'start it again; this page joins by itself' });
       this.waiting.clear();
       this.asked.clear();
       this.onState();
-      setTimeout(() => this.open(), this.retry);
+      if (DEMO) return;
+      setTimeout(() => void this.open(), this.retry);
       this.retry = Math.min(5000, this.retry * 1.5);
     };
-    socket.onmessage = event => typeof event.data === 'string' ? this.hear(event.data) : this.receive(event.data);
+    carrier.onmessage = ({ data }) => typeof data === 'string' ? this.hear(data) : this.receive(data as ArrayBuffer);
   }
 
   private hear(text: string): void {
@@ -166,7 +172,7 @@ export class Link {
       if (!this.isOpen) { failed({ path: '', problem: 'the studio does not answer', hint: '' } satisfies Refusal); return; }
       const id = this.next++;
       this.waiting.set(id, { done, failed });
-      this.socket?.send(JSON.stringify({ id, ...command }));
+      this.carrier?.send(JSON.stringify({ id, ...command }));
     });
   }
 
@@ -176,7 +182,7 @@ export class Link {
       if (!this.isOpen) return;
       const series = this.next++;
       this.asked.set(series, done);
-      this.socket?.send(JSON.stringify({ series, line, signals, from, to, points, ...(spectrum ? { spectrum } : {}) }));
+      this.carrier?.send(JSON.stringify({ series, line, signals, from, to, points, ...(spectrum ? { spectrum } : {}) }));
     });
   }
 }

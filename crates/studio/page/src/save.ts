@@ -1,6 +1,7 @@
 // Pictures and tables that are taken along as files.
 
 import { renderArena } from '../../../sim/web/arena.js';
+import { find } from './carrier';
 import type { Line } from './net';
 
 export function saveFile(name: string, content: Blob | string, type = 'text/plain'): void {
@@ -10,6 +11,12 @@ export function saveFile(name: string, content: Blob | string, type = 'text/plai
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(address), 1000);
+}
+
+/** Hands over what lies at an address. */
+export async function takeFile(address: string, name: string): Promise<void> {
+  const found = await find(address);
+  if (found.ok) saveFile(name, await found.blob());
 }
 
 export function saveSvg(name: string, svg: string): void { saveFile(`${name}.svg`, svg, 'image/svg+xml'); }

@@ -54,16 +54,29 @@ impl Studio {
         Some(hash)
     }
 
+    /// Whether there is something to tell of what steps take.
+    pub(crate) fn has_costs(&self) -> bool {
+        let mut robots = self.active().loaded.scenario.robot.iter();
+        robots.any(|robot| robot.plugins().next().is_some())
+    }
+
     /// Plug-ins of the active line, and files beside the scenario that could be some.
     pub(super) fn plugins(&self) -> Value {
         let scenario = &self.active().loaded.scenario;
         let mut named = Vec::new();
-        for robot in &scenario.robot {
-            for (name, controller) in robot.controllers() {
+        let session = self.active().session.as_ref();
+        for (index, robot) in scenario.robot.iter().enumerate() {
+            for (place, (name, controller)) in robot.controllers().enumerate() {
                 let Controller::Plugin(plugin) = controller else {
                     continue;
                 };
+                let cost = session.and_then(|session| session.run.cost(index, place));
+                let cost = cost.filter(|cost| cost.steps > 0).map(|cost| {
+                    let mean = cost.total / cost.steps as f64;
+                    json!({"mean": mean, "longest": cost.longest, "steps": cost.steps})
+                });
                 named.push(json!({
+                    "cost": cost,
                     "robot": robot.name,
                     "name": name,
                     "file": plugin.file,

@@ -2,6 +2,7 @@
 
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { label, multiples, niceStep, px, significant, tickText } from '../../../../sim/web/draw.js';
+import { find } from '../carrier';
 import { color } from '../look';
 import { componentPanel, type ViewProps } from '../panel';
 import { tr } from '../words';
@@ -29,7 +30,7 @@ function BatchView({ host, studio }: ViewProps) {
   useEffect(() => {
     setMissing(!state.batch);
     if (!state.batch) { setData(null); return; }
-    fetch('api/batch').then(async answer => { if (answer.ok) setData(await answer.json()); else setMissing(true); }).catch(host.fail);
+    find('api/batch').then(async answer => { if (answer.ok) setData(await answer.json()); else setMissing(true); }).catch(host.fail);
   }, [state.batch, state.file]);
   useEffect(() => {
     const element = holder.current;

@@ -1,5 +1,6 @@
 // The built-in panels.
 
+import { DEMO } from '../carrier';
 import type { OwnModule } from '../panel';
 import { arena } from './arena';
 import { batch } from './batch';
@@ -11,4 +12,5 @@ import { table } from './table';
 /** Loaded when it is opened first: the library that draws it is larger than the rest of the page. */
 const space: OwnModule = { title: '3-D', connect: async host => (await import('./space')).connect(host) };
 
-export const BUILT: Record<string, OwnModule> = { arena, space, profile, plots, table, plugins, batch };
+/** A demo has no folder in which a batch could lie. */
+export const BUILT: Record<string, OwnModule> = { arena, space, profile, plots, table, plugins, ...(DEMO ? {} : { batch }) };

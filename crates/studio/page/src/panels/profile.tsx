@@ -7,6 +7,7 @@ import { label, multiples, niceStep, pathText, px, significant, simplify, tickTe
 import { sideOf } from '../../../../sim/web/arena.js';
 import { stateAt, type Robot, type Run } from '../../../../sim/web/run.js';
 import { heightOf } from '../../../../sim/web/terrain.js';
+import { find } from '../carrier';
 import { componentPanel, eachPicture, type ViewProps } from '../panel';
 import type { Studio } from '../studio';
 import { tr } from '../words';
@@ -129,7 +130,7 @@ function ObstacleView({ host }: ViewProps) {
     // An answer that another question has overtaken is not shown.
     let isOver = false;
     const wait = setTimeout(() => {
-      fetch(`api/crossing?height=${obstacle.height}${obstacle.kind === 'trench' ? `&width=${obstacle.width}` : ''}`).then(async answer => {
+      find(`api/crossing?height=${obstacle.height}${obstacle.kind === 'trench' ? `&width=${obstacle.width}` : ''}`).then(async answer => {
         const said = await answer.json();
         if (isOver) return;
         if (!answer.ok) { setProblem(said.problem); return; }
