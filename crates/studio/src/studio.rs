@@ -6,6 +6,7 @@
 //! the scenario of before. Driving again is quick: a minute takes some hundredths of a second.
 
 mod batch;
+mod choice;
 mod command;
 mod edits;
 mod line;
@@ -116,16 +117,7 @@ impl Studio {
         };
         let loaded = match &recording {
             None => scenario::load(file, &self.overrides)?,
-            Some(recording) if recording.header.scenario_text.is_empty() => {
-                return Err(Refusal::new(
-                    format!(
-                        "{}: must be the recording of a run, got one without its scenario",
-                        file.display()
-                    ),
-                    "trials of a batch have a report of their own; `appell run` records a run",
-                ));
-            }
-            Some(recording) => scenario::load_text(&recording.header.scenario_text, file, &[])?,
+            Some(recording) => choice::of_recording(recording, file)?,
         };
         if is_crowd(&loaded.scenario) {
             return Err(Refusal::new(
@@ -141,22 +133,7 @@ impl Studio {
         let name = "A".to_owned();
         let line = match recording {
             None => self.begin(loaded, name, "as opened".to_owned(), Kind::Driven)?,
-            Some(recording) => {
-                let summary = recording.summary.clone();
-                Line {
-                    id: self.new_id(),
-                    name,
-                    what: "recorded".to_owned(),
-                    kind: Kind::Recorded,
-                    trial: 0,
-                    parent: None,
-                    scene: scene(&loaded, &History::new(&recording.header)),
-                    history: Arc::new(Mutex::new(History::of(&recording))),
-                    session: None,
-                    summary: summary.and_then(|summary| serde_json::from_value(summary).ok()),
-                    loaded,
-                }
-            }
+            Some(recording) => self.recorded(&recording, loaded, name),
         };
         self.planned = planned;
         self.file = file.to_owned();
@@ -168,6 +145,23 @@ impl Studio {
         self.ghosts.clear();
         self.is_playing = false;
         Ok(())
+    }
+
+    /// A line that was recorded.
+    fn recorded(&mut self, recording: &Recording, loaded: Loaded, name: String) -> Line {
+        let summary = recording.summary.clone();
+        Line {
+            id: self.new_id(),
+            name,
+            what: "recorded".to_owned(),
+            kind: Kind::Recorded,
+            parent: None,
+            scene: scene(&loaded, &History::new(&recording.header)),
+            history: Arc::new(Mutex::new(History::of(recording))),
+            session: None,
+            summary: summary.and_then(|summary| serde_json::from_value(summary).ok()),
+            loaded,
+        }
     }
 
     fn new_id(&mut self) -> u32 {
@@ -185,7 +179,7 @@ impl Studio {
         }
     }
 
-    /// A line at its first instant, with the random numbers of the active one.
+    /// A line at its first instant.
     fn begin(
         &mut self,
         loaded: Loaded,
@@ -193,26 +187,13 @@ impl Studio {
         what: String,
         kind: Kind,
     ) -> Result<Line, Refusal> {
-        let trial = self.place(self.active).map_or(0, |k| self.lines[k].trial);
-        self.begin_trial(loaded, name, what, kind, trial)
-    }
-
-    fn begin_trial(
-        &mut self,
-        loaded: Loaded,
-        name: String,
-        what: String,
-        kind: Kind,
-        trial: u64,
-    ) -> Result<Line, Refusal> {
-        let run = Run::new(&loaded, trial)?;
+        let run = Run::new(&loaded, 0)?;
         let history = History::new(&run.header);
         let mut line = Line {
             id: self.new_id(),
             name,
             what,
             kind,
-            trial,
             parent: None,
             scene: scene(&loaded, &history),
             history: Arc::new(Mutex::new(history)),
@@ -400,6 +381,11 @@ impl Studio {
                 }
                 self.lines.retain(|one| one.id != line);
             }
+            Command::Platform { robot, file } => self.take_platform(&robot, &file)?,
+            Command::Task { robot, kind, of } => {
+                self.take_task(&robot, kind.as_deref(), of.as_deref())?;
+            }
+            Command::Beside { recording } => self.lay_beside(&recording)?,
             Command::Trial { variant, trial } => self.replay(&variant, trial)?,
             Command::Save { name, replace } => return self.save(&name, replace),
             Command::Open { name } => {
@@ -451,14 +437,6 @@ impl Studio {
             return Err(Refusal::new(
                 format!("name: must be 1 to 64 letters, digits, - and _, got {name:?}"),
                 "the scenario is written beside the one that was opened",
-            ));
-        }
-        if let trial @ 1.. = self.active().trial {
-            return Err(Refusal::new(
-                format!(
-                    "trial {trial} has random numbers of its own, which a scenario does not name"
-                ),
-                "the recording can be kept; `appell batch` repeats the trial",
             ));
         }
         let mut document = self.active().document()?;
@@ -541,6 +519,7 @@ impl Studio {
             "ghosts": self.ghosts,
             "batch": self.batch.is_some(),
             "plugins": self.plugins(),
+            "found": self.choices(),
         })
     }
 }

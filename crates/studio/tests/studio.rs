@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use appell_sim::record::{Memory, Recording};
-use appell_sim::run::Run;
+use appell_sim::run::{Outcome, Run};
 use appell_sim::scenario;
 use appell_studio::studio::{Command, Line, Studio};
 use serde_json::{Value, json};
@@ -332,8 +332,25 @@ fn peer_replayed_trials_have_the_figures_of_the_batch() {
     }
     let refused = say(&mut studio, json!({"do": "trial", "trial": 5}));
     assert!(refused.expect_err("there are five").contains("5 trials"));
-    let refused = say(&mut studio, json!({"do": "save", "name": "mine"}));
-    assert!(refused.expect_err("its noise").contains("random numbers"));
+    // A scenario of it has the same noise, and what was drawn for it; from the command line, too.
+    assert_repeats(studio.active());
+    told(&mut studio, json!({"do": "save", "name": "mine"}));
+    let saved = scenario::load(&folder.join("mine.toml"), &[]).expect("loads");
+    assert_eq!((saved.scenario.trial, &saved.scenario.batch), (1, &None));
+    let mut memory = Memory::new();
+    let mut run = Run::new(&saved, 0).expect("builds");
+    run.execute(&mut memory, &mut |_| {}).expect("runs");
+    let (repeated, line) = (memory.into_recording(), studio.active());
+    let history = line.history.lock().expect("nobody panicked");
+    assert_eq!(repeated.times, history.times);
+    for (signal, column) in repeated.header.signals.iter().zip(&repeated.columns) {
+        let own = history.column(&signal.path).expect("recorded");
+        let same = |(k, value): (usize, &f64)| value.to_bits() == history.value(k, own).to_bits();
+        assert!(column.iter().enumerate().all(same), "{}", signal.path);
+    }
+    drop(history);
+    let refused = Batch::new(&folder.join("mine.toml"), &[], Some(5), &[], None).err();
+    assert!(refused.is_some_and(|error| error.to_string().contains("left out")));
     std::fs::remove_dir_all(&folder).expect("removes");
 }
 
@@ -422,5 +439,106 @@ fn golden_plugins_come_and_go() {
     told(&mut studio, unload("slalom-v2"));
     assert!(!names(&studio).contains("slalom-v2"));
     assert_repeats(studio.active());
+    std::fs::remove_dir_all(&folder).expect("removes");
+}
+
+/// Robots and tasks are chosen from what is found; each line repeats, and what does not fit is refused with words.
+#[test]
+fn invariant_what_is_found_is_chosen() {
+    let mut studio = open("slalom");
+    let found = studio.state()["found"].clone();
+    let lists = |list: &str, name: &str| {
+        let names = found[list].as_array().expect("a list");
+        names.iter().any(|one| one == name)
+    };
+    assert!(lists("platforms", "pioneer-3dx"));
+    assert!(lists("tasks", "gate"));
+    drive(&mut studio, 500);
+    told(
+        &mut studio,
+        json!({"do": "platform", "robot": "tri", "file": "turtlebot3-burger"}),
+    );
+    let platform = studio.state()["robots"][0]["platform"].clone();
+    assert!(
+        platform.as_str().is_some_and(|name| name.contains("urger")),
+        "{platform}"
+    );
+    drive(&mut studio, 500);
+    assert_repeats(studio.active());
+    for kind in ["gate", "eight", "homing", "slalom"] {
+        told(
+            &mut studio,
+            json!({"do": "task", "robot": "tri", "kind": kind}),
+        );
+        assert_eq!(studio.state()["robots"][0]["task"], kind);
+    }
+    told(
+        &mut studio,
+        json!({"do": "task", "robot": "tri", "of": "gate"}),
+    );
+    assert_eq!(studio.state()["beacons"].as_array().map(Vec::len), Some(2));
+    drive(&mut studio, 60_000);
+    assert_repeats(studio.active());
+    let summary = studio.active().summary().expect("is over");
+    assert_eq!(summary.verdict, Outcome::Passed);
+    told(&mut studio, json!({"do": "undo"}));
+    assert_eq!(studio.state()["robots"][0]["task"], "slalom");
+    for (command, word) in [
+        (
+            json!({"do": "platform", "robot": "tri", "file": "../scenarios/slalom"}),
+            "one of",
+        ),
+        (
+            json!({"do": "platform", "robot": "nobody", "file": "jackal"}),
+            "no robot",
+        ),
+        (
+            json!({"do": "task", "robot": "tri", "kind": "route"}),
+            "beacons enough",
+        ),
+        (
+            json!({"do": "task", "robot": "tri", "of": "/etc/passwd"}),
+            "one of",
+        ),
+        (
+            json!({"do": "task", "robot": "tri", "of": "parked"}),
+            "no robot with a task",
+        ),
+        (json!({"do": "task", "robot": "tri"}), "a kind of task"),
+        (json!({"do": "beside", "recording": "../x"}), "one of"),
+    ] {
+        let refusal = say(&mut studio, command.clone()).expect_err("is refused");
+        assert!(refusal.contains(word), "{command}: {refusal}");
+    }
+}
+
+/// Recordings of other runs are laid beside a line, and are what they were.
+#[test]
+fn invariant_a_recording_is_laid_beside() {
+    let folder = std::env::temp_dir().join(format!("appell-studio-beside-{}", std::process::id()));
+    let mut studio = open("slalom");
+    drive(&mut studio, 60_000);
+    for run in ["one", "two"] {
+        std::fs::create_dir_all(folder.join(run)).expect("a folder");
+        let file = folder.join(run).join("recording.mcap");
+        studio.active().write_recording(&file).expect("writes");
+    }
+    let file = folder.join("one/recording.mcap");
+    let mut again = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(again.state()["found"]["recordings"], json!(["one", "two"]));
+    told(&mut again, json!({"do": "beside", "recording": "two"}));
+    assert_eq!(again.lines().len(), 2);
+    assert_eq!(
+        again.active().name,
+        "A",
+        "the line that goes on is the same"
+    );
+    let beside = &again.lines()[1];
+    assert_eq!(beside.name, "two");
+    assert_eq!(beside.rows(), studio.active().rows());
+    told(&mut again, json!({"do": "branch", "at": 1.0}));
+    let two = again.lines().iter().find(|line| line.name == "two");
+    let two = two.expect("stays").id;
+    told(&mut again, json!({"do": "activate", "line": two}));
     std::fs::remove_dir_all(&folder).expect("removes");
 }

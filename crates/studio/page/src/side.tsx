@@ -34,6 +34,11 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
   return <aside class="left" aria-label={tr('Controls')}>
     <section id="set-up"><h2>{tr('Set-up')} <kbd>1</kbd></h2>
       <label class="row" title="robot"><span>{tr('robot')}</span><select value={chosen} onChange={e => choose(Number((e.target as HTMLSelectElement).value))}>{state.robots.map((r, i) => <option value={i}>{r.name}</option>)}</select></label>
+      <label class="row" title={`${base}file: ${tr('another robot file, from the beginning')}`}><span>{tr('platform')}</span>
+        <select aria-label={tr('platform')} value="" onChange={e => choice(e, file => run({ do: 'platform', robot: robot.name, file }))}>
+          <option value="">{robot.platform}</option>
+          {state.found.platforms.length > 0 && <optgroup label={tr('robot files')}>{state.found.platforms.map(name => <option value={name}>{name}.toml</option>)}</optgroup>}
+        </select></label>
       <div class="row" role="group" aria-label="level" title={base + 'level: from the beginning'}><span>{tr('level')}</span><div class="seg">{['kinematic', 'rolling', 'slip'].map(level => <button aria-pressed={robot.level === level} title={`${base}level = "${level}": drives the task again at this level, up to now`} onClick={() => void run({ do: 'edit', set: [[base + 'level', `"${level}"`]] })}>{level}</button>)}</div></div>
       <label class="row" title={base + 'drive'}><span>{tr('drive')}</span><select value={robot.drive} disabled={robot.level === 'kinematic'} onChange={e => void run({ do: 'edit', set: [[base + 'drive', `"${(e.target as HTMLSelectElement).value}"`]] })}><option value="as-built">as built</option><option value="torque">torque</option><option value="dc-motor">dc-motor</option></select></label>
       <label class="row" title={base + 'controller: another takes over at this instant'}><span>{tr('controller')}</span>
@@ -42,7 +47,12 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
           <optgroup label={tr('of the scenario')}>{robot.controllers.map(c => <option value={c.name}>{label(c.name)}</option>)}</optgroup>
           {robot.offers.length > 0 && <optgroup label={tr('built in')}>{robot.offers.map(name => <option value={name}>{name === 'hand' ? 'hand: W A S D' : name}</option>)}</optgroup>}
         </select></label>
-      <div class="row"><span>{tr('task')}</span><output title={base + 'task'}>{robot.task ?? tr('none')}</output></div>
+      <label class="row" title={`${base}task: ${tr('another task, from the beginning')}`}><span>{tr('task')}</span>
+        <select aria-label={tr('task')} value="" onChange={e => choice(e, name => run({ do: 'task', robot: robot.name, ...(name.startsWith('of:') ? { of: name.slice(3) } : { kind: name }) }))}>
+          <option value="">{robot.task ?? tr('none')}</option>
+          {state.found.tasks.length > 0 && <optgroup label={tr('among these beacons')}>{state.found.tasks.map(kind => <option value={kind}>{kind}</option>)}</optgroup>}
+          {state.scenarios.length > 0 && <optgroup label={tr('of another scenario, with its arena')}>{state.scenarios.map(name => <option value={`of:${name}`}>{name}.toml</option>)}</optgroup>}
+        </select></label>
     </section>
     <section id="parameters"><h2>{tr('Parameters')} <kbd>2</kbd></h2>
       <input type="text" class="find" placeholder={tr('find: left radius')} aria-label={tr('Find parameters')} value={filter} onInput={e => setFilter((e.target as HTMLInputElement).value)} />
@@ -50,7 +60,7 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
       {shown.length === 0 && <p class="empty">{words.length > 0 ? tr('No number has all these words.') : tr('This scenario has no numbers that change while robots drive.')}</p>}
     </section>
     <section id="beacons"><h2>{tr('Beacons')} <span>{state.beacons.length} {tr('of')} 15</span></h2>
-      <ul class="beacons">{state.beacons.map(b => <li><b>{b.name}</b><span>{b.position[0].toFixed(2)}, {b.position[1].toFixed(2)} m</span><button class="x" aria-label={`${tr('Remove beacon')} ${b.name}`} title={`${tr('Remove beacon')} ${b.name}`} onClick={() => void run({ do: 'remove-beacon', name: b.name })}>×</button></li>)}</ul>
+      <ul class="beacons" data-long={state.beacons.some(b => b.name.length > 3 || b.position.some(v => v >= 10))}>{state.beacons.map(b => <li><b>{b.name}</b><span>{b.position[0].toFixed(2)}, {b.position[1].toFixed(2)} m</span><button class="x" aria-label={`${tr('Remove beacon')} ${b.name}`} title={`${tr('Remove beacon')} ${b.name}`} onClick={() => void run({ do: 'remove-beacon', name: b.name })}>×</button></li>)}</ul>
       <div class="row size"><span>{tr('arena')}</span>{['x', 'y'].map((axis, k) => <label><span class="sr">{tr('arena')}, {axis}, m</span><input type="number" min="0.5" max="1000" step="0.5" title={`arena.size.${k}, m`} value={line.run.arena.size[k]}
         onChange={e => { const size = [...line.run.arena.size]; size[k] = Number((e.target as HTMLInputElement).value); if (size[k] > 0) void run({ do: 'edit', set: [['arena.size', `[${size.map(v => v.toFixed(3)).join(', ')}]`]] }); }} /></label>)}<span>m</span></div>
       <button class="add" aria-pressed={placing} disabled={state.beacons.length >= 15} onClick={() => setPlacing(!placing)} title={tr('Then click in the arena; beacons can be dragged')}>{tr('Place a beacon')}</button>
@@ -60,6 +70,14 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
       {state.lines.find(l => l.id === state.active)?.events.length === 0 && <p class="empty">{tr('Press Space: what happens is listed here.')}</p>}
     </section>
   </aside>;
+}
+
+/** Does what was chosen; the list shows what is, once that is so. */
+function choice(event: Event, act: (value: string) => unknown): void {
+  const select = event.target as HTMLSelectElement;
+  const { value } = select;
+  select.value = '';
+  if (value) void act(value);
 }
 
 function Slider({ path, short, first, value, change }: { path: string; short: string; first: number; value: number; change: (path: string, value: number, gesture: number) => void }) {

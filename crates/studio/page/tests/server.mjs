@@ -17,7 +17,7 @@ export async function open(scenario, { width = 1280, height = 800, theme = 'ligh
   const folder = mkdtempSync(join(tmpdir(), 'appell-studio-'));
   for (const part of ['scenarios', 'robots']) cpSync(join(root, part), join(folder, part), { recursive: true });
   const file = scenario.includes('/') ? scenario : join(folder, 'scenarios', scenario);
-  const child = spawn(bin('appell-studio'), [file, '--no-browser'], { stdio: ['ignore', 'pipe', 'ignore'] });
+  const child = spawn(bin('appell-studio'), [file, '--no-browser'], { stdio: ['ignore', 'pipe', 'ignore'], env: { ...process.env, APPELL_PYTHON_PATH: join(root, 'sdk/python') } });
   const address = await new Promise(done => child.stdout.once('data', bytes => done(String(bytes).trim())));
   const browser = await chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox'] });
   const page = await browser.newPage({ viewport: { width, height }, colorScheme: theme });
@@ -30,7 +30,7 @@ export async function open(scenario, { width = 1280, height = 800, theme = 'ligh
       for (let k = 0; k < 100; k++) {
         const s = await state();
         if (holds(s)) return s;
-        await page.waitForTimeout(100);
+        await new Promise(done => setTimeout(done, 100));
       }
       assert.fail(`${what}: ${JSON.stringify(await state()).slice(0, 600)}`);
     },

@@ -115,13 +115,16 @@ impl Studio {
                 manifest.variants.join(", "),
             ));
         };
-        let loaded = opened.batch.scenario(place, trial)?;
+        let mut scenario = opened.batch.scenario(place, trial)?.scenario;
+        // What was drawn for it stands in the scenario; its noise goes by its number.
+        (scenario.batch, scenario.trial) = (None, trial);
         let what = match manifest.variants[place].as_str() {
             "" => "of the batch".to_owned(),
             name => name.to_owned(),
         };
         let name = format!("trial {trial}");
-        let mut line = self.begin_trial(loaded, name, what, Kind::Driven, trial)?;
+        let loaded = self.reload(&scenario, &[])?;
+        let mut line = self.begin(loaded, name, what, Kind::Driven)?;
         line.drive_to(u64::MAX);
         self.ghosts.clear();
         self.lines

@@ -162,6 +162,28 @@ pub enum Command {
         /// Its number.
         line: u32,
     },
+    /// Drives with the platform of another robot file, from the beginning.
+    Platform {
+        /// Name of the robot.
+        robot: String,
+        /// Name of the file in the folder of robots, without extension.
+        file: String,
+    },
+    /// Gives a robot another task, from the beginning: a kind of task among the beacons that stand, or the task
+    /// of another scenario of the folder, with its arena.
+    Task {
+        /// Name of the robot.
+        robot: String,
+        /// Kind of the task.
+        kind: Option<String>,
+        /// Name of a scenario that has it.
+        of: Option<String>,
+    },
+    /// Shows a recording beside the lines that there are.
+    Beside {
+        /// Its name among those that are found.
+        recording: String,
+    },
     /// Drives a trial of the batch that is open again.
     Trial {
         /// Name of its variant; empty where there are none.

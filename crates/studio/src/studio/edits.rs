@@ -112,9 +112,14 @@ impl Studio {
         Ok(())
     }
 
-    /// Adds a line, which goes on from now on; the oldest goes where there are too many.
+    /// Adds a line, which goes on from now on.
     fn add(&mut self, line: Line) {
         self.active = line.id;
+        self.insert(line);
+    }
+
+    /// Puts a line beside the others, before those that run along; the oldest goes where there are too many.
+    pub(super) fn insert(&mut self, line: Line) {
         let ghosts = self
             .lines
             .iter()
@@ -123,11 +128,11 @@ impl Studio {
         self.lines.insert(place, line);
         let driven = |line: &Line| !matches!(line.kind, Kind::Ghost(_));
         while self.lines.iter().filter(|line| driven(line)).count() > LINES_MAX {
-            let active = self.active;
+            let (active, newest) = (self.active, self.next_id - 1);
             let oldest = self
                 .lines
                 .iter()
-                .position(|line| driven(line) && line.id != active);
+                .position(|line| driven(line) && line.id != active && line.id != newest);
             self.lines.remove(oldest.expect("there are several"));
         }
     }

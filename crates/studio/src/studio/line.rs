@@ -37,8 +37,6 @@ pub struct Line {
     pub what: String,
     /// What it is.
     pub kind: Kind,
-    /// Number of the trial whose random numbers it has: 0, but for one of a batch.
-    pub trial: u64,
     /// The line it branched from, and when, s.
     pub parent: Option<(String, f64)>,
     /// What it has driven.
@@ -187,7 +185,7 @@ impl Line {
             "what": self.what,
             "kind": match self.kind { Kind::Driven => "driven", Kind::Ghost(_) => "ghost", Kind::Recorded => "recorded" },
             "parent": self.parent,
-            "trial": self.trial,
+            "trial": self.loaded.scenario.trial,
             "over": self.is_over(),
             "verdict": summary.map(|summary| summary.verdict),
             "sentence": summary.map(|summary| &summary.reason),
@@ -228,6 +226,7 @@ impl Line {
                 }
                 json!({
                     "name": robot.name,
+                    "platform": robot.platform.as_ref().map(|platform| &platform.name),
                     "level": robot.level,
                     "drive": robot.drive,
                     "task": robot.task.as_ref().map(|task| task.kind()),

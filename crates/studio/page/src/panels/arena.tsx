@@ -332,7 +332,9 @@ export function Along({ studio, t }: { studio: Studio; t: number }) {
         <em>{apart(line, own, t)}</em>
         <button class="x" aria-label={`${tr('Leave out')} ${one.name}`} title={tr('Leave out')} onClick={() => void run(one.kind === 'ghost' ? { do: 'ghost', level: one.name, on: false } : { do: 'drop', line: one.id })}>×</button></li>)}
     </ul>
-    <div class="along"><span>{tr('run along')}</span>{['kinematic', 'rolling', 'slip'].map(level => <button class="chip" disabled={state.robots.every(r => r.level === level)} aria-pressed={state.ghosts.includes(level)} title={`${tr('The same task beside this run at level')} ${level}`} onClick={() => void run({ do: 'ghost', level, on: !state.ghosts.includes(level) })}>{level}</button>)}</div>
+    <div class="along"><span>{tr('run along')}</span>{['kinematic', 'rolling', 'slip'].map(level => <button class="chip" disabled={state.robots.every(r => r.level === level)} aria-pressed={state.ghosts.includes(level)} title={`${tr('The same task beside this run at level')} ${level}`} onClick={() => void run({ do: 'ghost', level, on: !state.ghosts.includes(level) })}>{level}</button>)}
+      {state.found.recordings.length > 0 && <select class="chip" aria-label={tr('Lay a recording beside')} title={tr('Lay a recording beside')} value="" onChange={e => { const select = e.target as HTMLSelectElement; const name = select.value; select.value = ''; if (name) void run({ do: 'beside', recording: name }); }}>
+        <option value="">+ {tr('recording')}</option>{state.found.recordings.map(name => <option value={name}>{name}</option>)}</select>}</div>
   </section>;
 }
 
