@@ -88,6 +88,23 @@ test('what is plotted is taken along as CSV, SVG and PNG', async () => {
 });
 const active = s => s.lines.find(line => line.id === s.active);
 
+test('spectra and plots against a signal are taken along as pictures', async () => {
+  const plot = k => page.locator('.plots section').nth(k);
+  for (const [k, words] of [[1, 'frequency, Hz'], [2, 'twist.yaw_rate, rad/s']]) {
+    for (const kind of ['SVG', 'PNG']) {
+      await plot(k).hover();
+      await plot(k).getByRole('button', { name: /: more/ }).click();
+      const [download] = await Promise.all([page.waitForEvent('download'), plot(k).getByRole('button', { name: `Save as ${kind}` }).click()]);
+      const file = readFileSync(await download.path());
+      if (kind === 'PNG') { assert.equal(file.subarray(1, 4).toString(), 'PNG'); assert.ok(file.length > 10000); continue; }
+      assert.match(String(file), /^<svg[^]*<\/svg>\s*$/);
+      assert.ok(String(file).includes(words), words);
+      assert.ok(/class="line [^"]*"/.test(String(file)) && String(file).length > 5000);
+      assert.doesNotMatch(String(file), /NaN/);
+    }
+  }
+});
+
 test('figures stand beside those of the other level', async () => {
   await tab('Table').click();
   const table = page.locator('[data-panel=table] table').first();

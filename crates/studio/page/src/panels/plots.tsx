@@ -4,14 +4,15 @@
 import { useEffect, useRef, useState } from 'preact/hooks';
 import uPlot from 'uplot';
 import { significant } from '../../../../sim/web/draw.js';
-import { prefixOf, renderPlot } from '../../../../sim/web/plot.js';
+import { standalone } from '../../../../sim/web/arena.js';
+import { drawPlots, panelOf, prefixOf } from '../../../../sim/web/plot.js';
 import type { Line, PlotSpec } from '../net';
 import { color } from '../look';
 import { componentPanel, eachPicture, type ViewProps } from '../panel';
 import { saveFile, savePng, saveSvg } from '../save';
 import type { Studio } from '../studio';
 import { tr } from '../words';
-import { XyPlot } from './xy';
+import { pictureOf, XyPlot } from './xy';
 
 const ROLES: Record<string, string> = { left: 'blue', right: 'vermilion', main: 'ink', command: 'reference', reference: 'reference' };
 const FREE = ['blue', 'vermilion', 'green', 'purple', 'sky', 'orange'];
@@ -19,6 +20,8 @@ const FREE = ['blue', 'vermilion', 'green', 'purple', 'sky', 'orange'];
 const OVERLAYS = 3;
 /** Rows of a file of values. */
 const FILE_POINTS = 8192;
+/** Width of a picture of plots, px. */
+const FILE_WIDTH = 1000;
 
 export function colorsOf(spec: PlotSpec): string[] {
   const used = new Set(spec.lines.map(line => ROLES[line.role]));
@@ -90,8 +93,22 @@ async function take(studio: Studio, specs: PlotSpec[], kind: 'svg' | 'png' | 'cs
     return;
   }
   const signals = Object.fromEntries(paths.map((path, k) => [path, { unit: '', values: Array.from(columns[k], v => Number.isNaN(v) ? null : v) }]));
-  const drawn = specs.filter(spec => (spec.kind ?? 'time') === 'time');
-  const svg = renderPlot({ ...line.run, time: Array.from(times), signals }, drawn, { theme, t0: from, t1: to, width: 1000 });
+  const overTime = specs.filter(spec => (spec.kind ?? 'time') === 'time');
+  // Those over time share an axis; the others stand below, one by one.
+  const margin = 16;
+  let inside = '', height = 0;
+  if (overTime.length > 0) {
+    const panels = overTime.map(spec => panelOf({ ...line.run, time: Array.from(times), signals }, spec)).filter(panel => panel !== null);
+    const picture = drawPlots(panels, { height: overTime.length === 1 ? 260 : 110, events: line.run.events, t0: from, t1: to, width: FILE_WIDTH - 2 * margin });
+    inside = `<g transform="translate(${margin} ${margin})">${picture.svg}</g>`;
+    height = picture.height + 2 * margin;
+  }
+  for (const spec of specs.filter(spec => !overTime.includes(spec))) {
+    const picture = await pictureOf(studio, spec, FILE_WIDTH - 2 * margin);
+    inside += `<g transform="translate(${margin} ${height + margin})">${picture.svg}</g>`;
+    height += picture.height + margin;
+  }
+  const svg = standalone(inside, FILE_WIDTH, height + margin, specs.map(spec => spec.title).join(', '), theme);
   if (kind === 'svg') saveSvg(line.scene.name, svg); else await savePng(line.scene.name, svg);
 }
 
@@ -170,7 +187,8 @@ function Plot(props: PlotProps) {
     };
     // As many as there are share the column's height.
     const size = () => {
-      const room = (root.closest('.plots')?.clientHeight ?? 500) / Math.max(1, latest.current.count) - 23;
+      const head = (section.querySelector('header') as HTMLElement).offsetHeight;
+      const room = (root.closest('.plots')?.clientHeight ?? 500) / Math.max(1, latest.current.count) - head - 3;
       return { width: root.clientWidth, height: Math.max(72, Math.min(190, Math.floor(room))) };
     };
     const zeros = spec.limits?.some(l => l.value === 0) ? [0] : [];
@@ -261,7 +279,7 @@ function Plot(props: PlotProps) {
   }, [studio.line, overlays.map(o => o.line.id).join(), studio.theme, props.hasAxis, props.count]);
 
   return <section class="plot" aria-label={`${tr('Plot of')} ${spec.title}`}>
-    <header><h3>{tr(spec.title)}<span class="unit">{unit && `, ${unit}`}</span></h3><span class="readout">{spec.lines.map((line, k) => <b class={`t-${names[k]}`} title={line.signal}><span>{spec.lines.length > 1 ? line.label + ' ' : ''}</span><span class="v">–</span></b>)}</span>
+    <header data-many={spec.lines.length > 2}><h3>{tr(spec.title)}<span class="unit">{unit && `, ${unit}`}</span></h3><span class="readout">{spec.lines.map((line, k) => <b class={`t-${names[k]}`} title={line.signal}><span>{spec.lines.length > 1 ? line.label + ' ' : ''}</span><span class="v">–</span></b>)}</span>
       <Menu studio={studio} spec={spec} change={props.change} />
       <button class="x" title={tr('Take this plot away')} aria-label={`${tr('Take away the plot of')} ${spec.title}`} onClick={() => props.change(null)}>×</button></header>
     <div ref={holder} />
