@@ -84,7 +84,9 @@ export function Arena(props: Props) {
       layers.top.innerHTML = drawBeacons(view, run) + run.events.slice(0, 60).map(event => {
         if (!event.position) return '';
         const x = view.x(event.position[0]), y = view.y(event.position[1]);
-        return `<circle cx="${px(x)}" cy="${px(y)}" r="3" class="dot"/>${eventMark(x + 15, y - 17, event.n)}`;
+        // Not where the name of a beacon stands.
+        const isTaken = run.arena.beacons.some(b => Math.abs(view.x(b.position[0]) - x - 15) < 30 && Math.abs(view.y(b.position[1]) + b.radius * view.scale + 14 - y + 17) < 18);
+        return `<circle cx="${px(x)}" cy="${px(y)}" r="3" class="dot"/>${eventMark(x + 15, y + (isTaken ? 17 : -17), event.n)}`;
       }).join('');
       // Numbers along the rims of the window.
       const { numbers } = gridSteps(view.scale);

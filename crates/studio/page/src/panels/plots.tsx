@@ -124,7 +124,7 @@ function Menu({ studio, spec, change }: { studio: Studio; spec: PlotSpec; change
       <div class="choice"><button aria-pressed={kind === 'time'} onClick={() => choose({ ...spec, kind: 'time', x: undefined })}>{tr('Over time')}</button></div>
       <div class="choice"><button aria-pressed={kind === 'spectrum'} onClick={() => choose({ ...spec, kind: 'spectrum', x: undefined })}>{tr('Spectrum')}</button></div>
       <label class="choice">{tr('Against')} <select value={spec.x ?? ''} onChange={e => { const x = (e.target as HTMLSelectElement).value; if (x) choose({ ...spec, kind: 'phase', x }); }}><option value="">…</option>{others.map(s => <option value={s.path}>{shortPath(s.path)}</option>)}</select></label>
-      {(['svg', 'png', 'csv'] as const).filter(file => kind === 'time' || file === 'csv').map(file => <div class="choice"><button onClick={() => { box.current?.hidePopover(); void take(studio, [spec], file); }}>{tr('Save as')} {file.toUpperCase()}</button></div>)}
+      {(['svg', 'png', 'csv'] as const).map(file => <div class="choice"><button onClick={() => { box.current?.hidePopover(); void take(studio, [spec], file); }}>{tr('Save as')} {file.toUpperCase()}</button></div>)}
       <div class="choice"><button onClick={() => choose(null)}>{tr('Take away')}</button></div>
     </div></>;
 }
@@ -212,7 +212,7 @@ function Plot(props: PlotProps) {
     }, [[], ...series.slice(1).map(() => [])] as uPlot.AlignedData, root);
     function range(): [number, number] {
       const { span, line, others } = latest.current.studio;
-      return span ?? [0, Math.max(line.end, ...others.slice(0, OVERLAYS).map(o => o.line.end), 1e-3)];
+      return span ?? [0, Math.max(line.end, ...others.slice(0, OVERLAYS).map(o => o.line.end)) || 1];
     }
     const over = plot.over;
     let downAt = NaN;
