@@ -19,7 +19,7 @@ use appell_sim::change::Session;
 use appell_sim::crowd::is_crowd;
 use appell_sim::record::Recording;
 use appell_sim::run::Run;
-use appell_sim::scenario::{self, Beacon, Change, Level, Loaded, Overrides, Swap};
+use appell_sim::scenario::{self, Beacon, Change, Level, Loaded, Overrides, Scenario, Swap};
 use serde_json::{Value, json};
 
 use crate::history::History;
@@ -33,7 +33,7 @@ pub use line::{Kind, Line};
 /// A change that can be taken back.
 struct Undo {
     what: String,
-    before: Loaded,
+    before: Scenario,
     /// The line that went on before, if the change made a branch.
     from: Option<u32>,
 }
@@ -306,7 +306,7 @@ impl Studio {
                     .iter()
                     .map(|(path, value)| format!("{path} = {value}"))
                     .collect();
-                self.drive_anew(document, edited, words.join(", "), gesture)?;
+                self.drive_anew(document.scenario, edited, words.join(", "), gesture)?;
             }
             Command::AddBeacon { position } => {
                 let document = self.active().document()?;
@@ -323,21 +323,23 @@ impl Studio {
                     radius,
                 });
                 let edited = self.reload(&scenario, &[])?;
-                self.drive_anew(document, edited, format!("beacon {name} placed"), None)?;
+                let what = format!("beacon {name} placed");
+                self.drive_anew(document.scenario, edited, what, None)?;
             }
             Command::RemoveBeacon { name } => {
                 let document = self.active().document()?;
                 let mut scenario = document.scenario.clone();
                 scenario.arena.beacon.retain(|beacon| beacon.name != name);
                 let edited = self.reload(&scenario, &[])?;
-                self.drive_anew(document, edited, format!("beacon {name} removed"), None)?;
+                let what = format!("beacon {name} removed");
+                self.drive_anew(document.scenario, edited, what, None)?;
             }
             Command::Engage { robot, with, at } => self.engage(&robot, &with, at)?,
             Command::Load { robot, file } => self.load(&robot, &file)?,
             Command::Reload { robot, name, at } => self.take_anew(&robot, &name, at)?,
             Command::Unload { robot, name } => self.unload(&robot, &name)?,
             Command::Branch { at } => {
-                let before = self.active().document()?;
+                let before = self.active().scenario();
                 let from = self.active;
                 self.branch(at, "branch".to_owned())?;
                 self.remember("branch".to_owned(), before, Some(from), None);

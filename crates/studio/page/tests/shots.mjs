@@ -16,7 +16,9 @@ const SIZES = [[1280, 800], [1920, 1080]];
 const driven = async ({ page, command, until }, t) => {
   await command({ do: 'speed', factor: 0 });
   await command({ do: 'play' });
-  await until('ends', s => s.lines.find(line => line.id === s.active).over);
+  const s = await until('ends', s => s.lines.find(line => line.id === s.active).over);
+  // The page has all of it, too.
+  await page.waitForFunction(t => document.querySelector('[data-time]').textContent === t, s.lines.find(line => line.id === s.active).end.toFixed(2));
   await page.keyboard.press('Home');
   for (let k = 0; k < t; k++) await page.keyboard.press('Shift+ArrowRight');
 };
@@ -27,7 +29,12 @@ const SCENES = {
     await studio.command({ do: 'ghost', level: 'slip', on: true });
     await driven(studio, 6);
   },
-  forces: async studio => { await driven(studio, 1); await studio.page.keyboard.press('f'); },
+  forces: async studio => {
+    // Steep enough that arrows are seen.
+    await studio.command({ do: 'edit', set: [['terrain.slope_deg', '17.0']] });
+    await driven(studio, 8);
+    await studio.page.keyboard.press('f');
+  },
   eight: async studio => { await driven(studio, 9); },
   plugins: async studio => {
     const { page } = studio;
@@ -51,7 +58,7 @@ const SCENES = {
   hills: async studio => {
     await studio.command({ do: 'speed', factor: 0 });
     await studio.command({ do: 'play' });
-    await studio.until('runs', s => s.lines[0].end > 6);
+    while ((await studio.state()).lines[0].end < 6) await studio.page.waitForTimeout(300);
     await studio.command({ do: 'pause' });
     await studio.page.getByRole('tab', { name: '3-D' }).click();
     await studio.page.waitForTimeout(2500);

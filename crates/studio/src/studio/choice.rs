@@ -161,7 +161,12 @@ impl Studio {
         let of_old = format!("robot.{robot}.platform.");
         scenario.change.retain(|one| !one.path.starts_with(&of_old));
         let edited = self.reload(&scenario, &[])?;
-        self.drive_anew(document, edited, format!("{robot}: {name}.toml"), None)
+        self.drive_anew(
+            document.scenario,
+            edited,
+            format!("{robot}: {name}.toml"),
+            None,
+        )
     }
 
     /// Gives a robot another task: of a kind, among the beacons that stand; or that of another scenario, with its
@@ -223,7 +228,7 @@ impl Studio {
         });
         scenario.swap.clear();
         let edited = self.reload(&scenario, &[])?;
-        self.drive_anew(document, edited, format!("{robot}: {what}"), None)
+        self.drive_anew(document.scenario, edited, format!("{robot}: {what}"), None)
     }
 
     /// Shows a recording beside the lines that there are.

@@ -60,7 +60,7 @@ impl Studio {
     pub(super) fn remember(
         &mut self,
         what: String,
-        before: Loaded,
+        before: Scenario,
         from: Option<u32>,
         gesture: Option<u64>,
     ) {
@@ -84,7 +84,7 @@ impl Studio {
     /// belongs to the same gesture.
     pub(super) fn drive_anew(
         &mut self,
-        before: Loaded,
+        before: Scenario,
         after: Loaded,
         what: String,
         gesture: Option<u64>,
@@ -202,10 +202,11 @@ impl Studio {
                 hint: String::new(),
             });
         }
-        let before = self.active().document()?;
+        // Not read anew: of many robots that takes longer than what is done.
+        let before = self.active().scenario();
         if !is_changeable(path) {
             let set = [(path.to_owned(), scenario::number_text(value))];
-            let edited = self.reload(&before.scenario, &set)?;
+            let edited = self.reload(&before, &set)?;
             let what = format!("{path} = {value}");
             return self.drive_anew(before, edited, what, gesture);
         }
@@ -214,7 +215,7 @@ impl Studio {
         let is_past = self.is_past(at) && !goes_on;
         if !is_past && (self.active().is_over() || self.active().session.is_none()) {
             // What is over is driven again with the number from the beginning.
-            let mut scenario = before.scenario.clone();
+            let mut scenario = before.clone();
             scenario.change.retain(|change| change.path != path);
             let set = [(path.to_owned(), scenario::number_text(value))];
             let edited = self.reload(&scenario, &set)?;
@@ -248,7 +249,7 @@ impl Studio {
     }
 
     pub(super) fn swap(&mut self, robot: &str, to: &str, at: Option<f64>) -> Result<(), Refusal> {
-        let before = self.active().document()?;
+        let before = self.active().scenario();
         let from = self.active;
         let is_past = self.is_past(at);
         let what = format!("{robot}: {to} takes over");
@@ -309,7 +310,7 @@ impl Studio {
         self.gesture = None;
         let now = Undo {
             what: step.what.clone(),
-            before: self.active().document()?,
+            before: self.active().scenario(),
             from: None,
         };
         let left = self.active;
@@ -324,7 +325,8 @@ impl Studio {
                 let old = self.active();
                 let (is_over, tick) = (old.is_over(), old.tick());
                 let name = old.name.clone();
-                let mut line = self.begin(step.before, name, step.what, Kind::Driven)?;
+                let before = self.reload(&step.before, &[])?;
+                let mut line = self.begin(before, name, step.what, Kind::Driven)?;
                 line.drive_to(if is_over { u64::MAX } else { tick });
                 self.replace(line);
             }

@@ -7,7 +7,7 @@ use appell_sim::change::{Session, is_changeable};
 use appell_sim::record::{self, Recording};
 use appell_sim::report;
 use appell_sim::run::Summary;
-use appell_sim::scenario::{self, Change, Controller, Level, Loaded, Template};
+use appell_sim::scenario::{self, Change, Controller, Level, Loaded, Scenario, Template};
 use serde_json::{Value, json};
 
 use super::command::Refusal;
@@ -122,6 +122,13 @@ impl Line {
             Some(session) => session.run.changes(),
             None => &self.loaded.scenario.change,
         }
+    }
+
+    /// The same as [`Line::document`], not read anew and checked.
+    pub(super) fn scenario(&self) -> Scenario {
+        let session = self.session.as_ref();
+        let changed = session.and_then(|session| session.run.repetition());
+        changed.unwrap_or_else(|| self.loaded.scenario.clone())
     }
 
     /// The scenario that drives this line by itself.

@@ -1,7 +1,7 @@
 // A batch: how two of its figures lie together and each by itself; a click drives a trial again.
 
 import { useEffect, useRef, useState } from 'preact/hooks';
-import { label, multiples, niceStep, px, significant, tickText } from '../../../../sim/web/draw.js';
+import { label, multiples, niceStep, px, significant, textWidth, tickText } from '../../../../sim/web/draw.js';
 import { find } from '../carrier';
 import { color } from '../look';
 import { componentPanel, type ViewProps } from '../panel';
@@ -12,7 +12,7 @@ type Variant = { name: string; trials: number[]; passed: boolean[]; values: (num
 type BatchFigures = { scenario: string; title: string; seed: number; has_task: boolean; columns: Column[]; every: number; variants: Variant[] };
 
 const BINS = 36;
-const BOX = { left: 64, top: 62, right: 62, bottom: 46 };
+const BOX = { top: 62, right: 62, bottom: 46 };
 /** How near to a point a click must be, px. */
 const NEAR = 14;
 
@@ -56,7 +56,10 @@ function BatchView({ host, studio }: ViewProps) {
     return [low - room, high + room];
   };
   const [x0, x1] = range(x), [y0, y1] = range(y);
-  const at = (v: number) => BOX.left + (v - x0) / (x1 - x0) * (right - BOX.left);
+  const sx = niceStep(x1 - x0, Math.max(3, Math.round(width / 110))), sy = niceStep(y1 - y0, Math.max(3, Math.round(height / 60)));
+  // The numbers of the upright axis, and its name beside them.
+  const left = 36 + Math.max(20, ...multiples(y0, y1, sy).map((v: number) => textWidth(tickText(v, sy), 11.5)));
+  const at = (v: number) => left + (v - x0) / (x1 - x0) * (right - left);
   const up = (v: number) => bottom - (v - y0) / (y1 - y0) * (bottom - BOX.top);
   const shownTrial = about.name.startsWith('trial ') ? about.trial : null;
 
@@ -107,9 +110,8 @@ function BatchView({ host, studio }: ViewProps) {
   };
   const replay = (trial: number) => void run({ do: 'trial', variant: variant.name, trial });
   const title = (k: number) => `${data.columns[k].name}${data.columns[k].unit && data.columns[k].unit !== '1' ? `, ${data.columns[k].unit}` : ''}`;
-  const sx = niceStep(x1 - x0, Math.max(3, Math.round(width / 110))), sy = niceStep(y1 - y0, Math.max(3, Math.round(height / 60)));
   let svg = multiples(x0, x1, sx).map((v: number) => `<path d="M${px(at(v))} ${BOX.top}V${px(bottom)}" class="grid"/>${label(at(v), bottom + 16, tickText(v, sx), 'tick', 'middle')}`).join('');
-  svg += multiples(y0, y1, sy).map((v: number) => `<path d="M${BOX.left} ${px(up(v))}H${px(right)}" class="grid"/>${label(BOX.left - 8, up(v) + 4, tickText(v, sy), 'tick', 'end')}`).join('');
+  svg += multiples(y0, y1, sy).map((v: number) => `<path d="M${left} ${px(up(v))}H${px(right)}" class="grid"/>${label(left - 8, up(v) + 4, tickText(v, sy), 'tick', 'end')}`).join('');
   // Each figure by itself, along the rims: those that passed, and on top those that did not.
   const rim = (k: number, low: number, high: number, upright: boolean) => {
     const counts = Array.from({ length: BINS }, () => [0, 0]);
@@ -119,12 +121,12 @@ function BatchView({ host, studio }: ViewProps) {
     return counts.map(([a, b], n) => {
       const [la, lb] = [a / most * room, b / most * room];
       if (upright) { const h = (bottom - BOX.top) / BINS, top = bottom - (n + 1) * h; return `<rect x="${px(right + 4)}" y="${px(top)}" width="${px(la)}" height="${px(h - 1)}" class="f-blue"/><rect x="${px(right + 4 + la)}" y="${px(top)}" width="${px(lb)}" height="${px(h - 1)}" class="f-vermilion"/>`; }
-      const w = (right - BOX.left) / BINS, left = BOX.left + n * w;
-      return `<rect x="${px(left)}" y="${px(BOX.top - 4 - la)}" width="${px(w - 1)}" height="${px(la)}" class="f-blue"/><rect x="${px(left)}" y="${px(BOX.top - 4 - la - lb)}" width="${px(w - 1)}" height="${px(lb)}" class="f-vermilion"/>`;
+      const w = (right - left) / BINS, from = left + n * w;
+      return `<rect x="${px(from)}" y="${px(BOX.top - 4 - la)}" width="${px(w - 1)}" height="${px(la)}" class="f-blue"/><rect x="${px(from)}" y="${px(BOX.top - 4 - la - lb)}" width="${px(w - 1)}" height="${px(lb)}" class="f-vermilion"/>`;
     }).join('');
   };
   svg += rim(x, x0, x1, false) + rim(y, y0, y1, true);
-  svg += label((BOX.left + right) / 2, height - 10, title(x), 'bold', 'middle') + `<text class="bold" text-anchor="middle" transform="translate(16 ${px((BOX.top + bottom) / 2)}) rotate(-90)">${title(y)}</text>`;
+  svg += label((left + right) / 2, height - 10, title(x), 'bold', 'middle') + `<text class="bold" text-anchor="middle" transform="translate(16 ${px((BOX.top + bottom) / 2)}) rotate(-90)">${title(y)}</text>`;
   const pick = (which: 'x' | 'y', now: number) => <label>{which} <select value={now} onChange={e => { const next = { ...of, [which]: Number((e.target as HTMLSelectElement).value) }; choose(next); host.keep({ [which]: next[which] }); }}>{usable.map(k => <option value={k}>{title(k)}</option>)}</select></label>;
   const pointed = hover === null ? null : hover;
   return <div class="view batch-view">

@@ -140,6 +140,9 @@ export function axisRange(low: number | null, high: number | null, include: numb
 
 export const numberText = (value: number) => String(Number(value.toPrecision(4))).replace('-', '−');
 
+/** Where there is no room for front-left: FL. */
+const initials = (name: string) => name.includes('-') ? name.split('-').map(part => part[0]).join('').toUpperCase() : name;
+
 type PlotProps = { studio: Studio; spec: PlotSpec; hasAxis: boolean; count: number; hover: { current: number | null }; change: (spec: PlotSpec | null) => void; fail: (error: unknown) => void };
 
 function Plot(props: PlotProps) {
@@ -279,7 +282,7 @@ function Plot(props: PlotProps) {
   }, [studio.line, overlays.map(o => o.line.id).join(), studio.theme, props.hasAxis, props.count]);
 
   return <section class="plot" aria-label={`${tr('Plot of')} ${spec.title}`}>
-    <header data-many={spec.lines.length > 2}><h3>{tr(spec.title)}<span class="unit">{unit && `, ${unit}`}</span></h3><span class="readout">{spec.lines.map((line, k) => <b class={`t-${names[k]}`} title={line.signal}><span>{spec.lines.length > 1 ? line.label + ' ' : ''}</span><span class="v">–</span></b>)}</span>
+    <header data-many={spec.lines.length > 2}><h3>{tr(spec.title)}<span class="unit">{unit && `, ${unit}`}</span></h3><span class="readout">{spec.lines.map((line, k) => <b class={`t-${names[k]}`} title={line.signal}><span>{spec.lines.length > 1 && <><span class="long">{line.label} </span><span class="short">{initials(line.label)} </span></>}</span><span class="v">–</span></b>)}</span>
       <Menu studio={studio} spec={spec} change={props.change} />
       <button class="x" title={tr('Take this plot away')} aria-label={`${tr('Take away the plot of')} ${spec.title}`} onClick={() => props.change(null)}>×</button></header>
     <div ref={holder} />
