@@ -179,6 +179,9 @@ test('a point of a batch is driven again', async () => {
       await view.mouse.move(box.x + 80 + (k % 20) * (box.width - 160) / 20, box.y + 70 + Math.floor(k / 20) * (box.height - 120) / 10);
       const tip = view.locator('.tip');
       if (!await tip.isVisible()) continue;
+      // It may still be that of the place before.
+      await view.waitForTimeout(200);
+      if (!await tip.isVisible()) continue;
       const trial = Number((await tip.textContent()).match(/trial (\d+)/)[1]);
       if (trial === 0) continue;
       await view.mouse.down();
