@@ -8,7 +8,7 @@ use appell_model::platform::Platform;
 use appell_model::solve::{dot, invert, product};
 use appell_model::support::Support;
 use appell_model::suspension::{Sprung, Suspension};
-use appell_model::wheel::{Steering, Wheel};
+use appell_model::wheel::Steering;
 
 use std::f64::consts::PI;
 
@@ -645,15 +645,18 @@ fn swings(
     add: &mut dyn FnMut(&str, String, &str),
 ) {
     let [roll, pitch] = Sprung::new(platform, springs).inertias();
-    let motions: [(&str, f64, &dyn Fn(&Wheel<f64>) -> f64); 3] = [
-        ("heave", platform.total_mass(), &|_| 1.0),
-        ("roll", roll, &|wheel| wheel.mount.y - center[1]),
-        ("pitch", pitch, &|wheel| wheel.mount.x - center[0]),
+    // How far each wheel moves with them: over 1, x and y from the center of mass.
+    let motions = [
+        ("heave", platform.total_mass(), [1.0, 0.0, 0.0]),
+        ("roll", roll, [0.0, 0.0, 1.0]),
+        ("pitch", pitch, [0.0, 1.0, 0.0]),
     ];
-    for (name, inertia, lever) in motions {
+    for (name, inertia, over) in motions {
         let (mut stiffness, mut damping) = (0.0, 0.0);
         for (i, wheel) in platform.wheels().iter().enumerate() {
-            let square = lever(wheel) * lever(wheel);
+            let (x, y) = (wheel.mount.x - center[0], wheel.mount.y - center[1]);
+            let lever = over[0] + over[1] * x + over[2] * y;
+            let square = lever * lever;
             stiffness += springs.stiffness[i] * square;
             damping += springs.damping[i] * square;
         }

@@ -388,7 +388,7 @@ fn order_stiff_springs_follow_the_ground() {
         );
         let mut soft = at(&system, [0.1, 0.2, 0.5], Vec2::zero());
         run(&system, &u, 1e-3, 1500, &mut soft);
-        Scalar::sqrt((soft[0] - x[0]).powi(2) + (soft[1] - x[1]).powi(2))
+        appell_model::math::hypot(soft[0] - x[0], soft[1] - x[1])
     });
     let order = slope(&gives, &errors);
     assert!((0.5..1.1).contains(&order), "{order} {errors:?}");
