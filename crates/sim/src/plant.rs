@@ -26,7 +26,7 @@ use crate::scenario::{Integrator, Level};
 use crate::signal::Signal;
 
 pub use alone::Contacts;
-use alone::{Alone, Motion, on_footing, sliding};
+use alone::{Alone, Motion, on_footing, sliding, underivable};
 
 /// A platform that moves.
 pub struct Plant<T: Scalar = f64> {
@@ -135,21 +135,9 @@ impl<T: Scalar> Plant<T> {
             None
         } else if contacts.relief.is_some() || (level == Level::Slip && contacts.springs.is_some())
         {
-            let is_level = contacts.relief.is_none();
             let angles = start.angles;
             let made = on_footing(&platform, &contacts, &ground, level, numerics, angles);
-            Some(made.ok_or_else(|| {
-                PlantError {
-                    field: if is_level { "level" } else { "terrain.kind" },
-                    problem: if is_level {
-                        "must be another here: derivatives know no suspension"
-                    } else {
-                        "must be \"flat\" or \"plane\" here: derivatives know no uneven ground"
-                    }
-                    .into(),
-                    hint: "change numbers by hand, or vary them in a batch".into(),
-                }
-            })??)
+            Some(made.ok_or_else(|| underivable(&contacts))??)
         } else if level == Level::Slip {
             Some(sliding(platform.clone(), contacts, ground)?)
         } else {

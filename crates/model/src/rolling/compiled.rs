@@ -2,9 +2,10 @@
 //! step is left to run time. `[eq:constant-geometry]`
 
 mod paired;
+mod parts;
 mod shapes;
 
-use super::axle::{Action, Axle, Supply};
+use super::axle::{Axle, Supply};
 use super::{Constant, Rolling, is_zero};
 use crate::drive::{Drive, Winding};
 use crate::dynamics::{CORE_INPUT, Core, Nodes, product};
@@ -15,6 +16,7 @@ use crate::scalar::{Mask, Scalar};
 use crate::solve::{Mobility, Row, Square, times, zero_row};
 
 use paired::Pair;
+use parts::{Bill, Feed, Follower};
 
 pub(super) use paired::{core_enter, core_leave};
 pub(super) use shapes::{Shape, core_rates, core_rest, derivative, gather, motion, output};
@@ -168,108 +170,6 @@ lanewise!(Bulk[U, W] {} state {
     coils
 });
 lanewise!(Contact {} state { point, direction, left, per_lever, spin_inertia, side });
-lanewise!(Feed[U] {} state { slope, decay, emf, window, push });
-lanewise!(Follower[U] {} state { pivot, per_trail, per_radius });
-
-/// A motor whose current is a state, multiplied out over the velocity coordinates.
-#[derive(Clone, Copy, Debug)]
-struct Feed<T, const U: usize> {
-    /// 1/L, 1/H, and R/L, 1/s.
-    slope: T,
-    decay: T,
-    /// Back-EMF over L, per rate of the axle.
-    emf: T,
-    /// R I_max / L, A/s: what the current may change by beside its decay before the driver limits it.
-    window: T,
-    /// Acceleration per current.
-    push: [T; U],
-}
-
-impl<T: Scalar, const U: usize> Feed<T, U> {
-    fn new(winding: &Winding<T>, push: &[T; U]) -> Self {
-        Feed {
-            slope: winding.slope,
-            decay: winding.resistance * winding.slope,
-            emf: winding.emf * winding.slope,
-            window: winding.window * winding.slope,
-            push: push.map(|push| push * winding.torque),
-        }
-    }
-}
-
-/// A caster that follows the motion, its divisions multiplied out.
-#[derive(Clone, Copy, Debug)]
-struct Follower<T, const U: usize> {
-    /// Velocity of its pivot, rows over v.
-    pivot: [[T; U]; 2],
-    per_trail: T,
-    per_radius: T,
-}
-
-impl<T: Scalar, const U: usize> Follower<T, U> {
-    /// Speeds of the pivot across and along the wheel plane: the contact lies behind the pivot along
-    /// that plane, so that it moves forward as the pivot does.
-    #[inline(always)]
-    fn speeds(&self, cos: T, sin: T, v: &[T; U]) -> (T, T) {
-        let forward = vec2(cos, sin);
-        let pivot = vec2(along(&self.pivot[0], v), along(&self.pivot[1], v));
-        (forward.perpendicular().dot(pivot), forward.dot(pivot))
-    }
-
-    /// γ̇ and φ̇.
-    #[inline(always)]
-    fn rates(&self, cos: T, sin: T, v: &[T; U], yaw_rate: T) -> (T, T) {
-        let (across, forward) = self.speeds(cos, sin, v);
-        (
-            across.mul_add(self.per_trail, -yaw_rate),
-            forward * self.per_radius,
-        )
-    }
-}
-
-/// Powers of the energy ledger, W.
-struct Bill<T> {
-    supplied: T,
-    windings: T,
-    gears: T,
-    friction: T,
-}
-
-impl<T: Scalar> Bill<T> {
-    #[inline(always)]
-    fn new() -> Self {
-        let zero = T::zero();
-        Bill {
-            supplied: zero,
-            windings: zero,
-            gears: zero,
-            friction: zero,
-        }
-    }
-
-    #[inline(always)]
-    fn add(&mut self, action: &Action<T>) {
-        self.supplied += action.supplied;
-        self.windings += action.windings;
-        self.gears += action.gears;
-        self.friction += action.rubbed;
-    }
-
-    /// Adds what the wrench supplies and writes the rates of the ledger.
-    #[inline(always)]
-    fn close(&mut self, wrench: &Option<[T; 3]>, velocity: Vec2<T>, yaw_rate: T, rates: &mut [T]) {
-        if let Some(outside) = wrench {
-            self.supplied += outside[0].mul_add(
-                velocity.x,
-                outside[1].mul_add(velocity.y, outside[2] * yaw_rate),
-            );
-        }
-        rates[0] = self.supplied;
-        rates[1] = self.windings;
-        rates[2] = self.gears;
-        rates[3] = self.friction;
-    }
-}
 
 /// Where a core's input holds the voltages over L, or of a pair those of sum and difference, with sum and
 /// difference before them; and the external wrench.

@@ -102,6 +102,26 @@ pub(super) fn sliding<T: Scalar>(
     Ok(Box::new(Skidding::new(platform, contacts, ground)?))
 }
 
+/// What numbers with derivatives cannot stand on.
+pub(super) fn underivable<T>(contacts: &Contacts<T>) -> PlantError {
+    let (field, problem) = if contacts.relief.is_some() {
+        (
+            "terrain.kind",
+            "must be \"flat\" or \"plane\" here: derivatives know no uneven ground",
+        )
+    } else {
+        (
+            "level",
+            "must be another here: derivatives know no suspension",
+        )
+    };
+    PlantError {
+        field,
+        problem: problem.into(),
+        hint: "change numbers by hand, or vary them in a batch".into(),
+    }
+}
+
 /// Joins a platform and contacts with a footing: an uneven ground at any level, springs under slipping
 /// wheels on any ground; `None` for numbers that are not plain.
 pub(super) fn on_footing<T: Scalar>(
