@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use appell_sim::batch::Crew;
 use appell_sim::crowd::{Crowd, is_crowd};
-use appell_sim::record::{Csv, Fan, Mcap, Memory, Parquet, RecordError, Recorder, Rosbag};
+use appell_sim::record::{self, Csv, Fan, Mcap, Memory, Parquet, RecordError, Recorder, Rosbag};
 use appell_sim::report;
 use appell_sim::run::{NarrowRun, Outcome, Run, Summary};
 use appell_sim::scenario::{self, Format, Loaded, Robot, Scenario};
@@ -268,22 +268,7 @@ fn execute(
         std::fs::write(&path, bytes).map_err(|error| Failure::output(&path, error))
     };
     // What an earlier run left is not to be taken for this one's.
-    for old in [
-        "summary.json",
-        "report.html",
-        "trajectory.svg",
-        "trajectory.png",
-        "recording.mcap",
-        "recording.csv",
-        "recording.parquet",
-        "ros2/metadata.yaml",
-        "ros2/ros2_0.mcap",
-    ] {
-        let path = folder.join(old);
-        if path.exists() {
-            std::fs::remove_file(&path).map_err(|error| Failure::output(&path, error))?;
-        }
-    }
+    record::clear(folder).map_err(|(path, error)| Failure::output(&path, error))?;
     write("scenario.toml", loaded.resolved.as_bytes())?;
     // With its plug-ins beside it the scenario can be run again from here.
     for file in plugins(&loaded.scenario) {

@@ -134,9 +134,22 @@ pub(crate) fn sin_cos<T: Bits>(x: T) -> (T, T) {
     let sin = (r2 * r).mul_add(s, r).copysign(r);
     let cos = r2.mul_add(c, T::one());
 
-    let odd = shifted.has_bit(0);
-    let sin_negative = shifted.has_bit(1);
-    let cos_negative = (shifted + T::one()).has_bit(1);
+    let next = shifted + T::one();
+    quarters(
+        shifted.has_bit(0),
+        [shifted.has_bit(1), next.has_bit(1)],
+        (sin, cos),
+    )
+}
+
+/// Sine and cosine of an angle from those of what is left of it after whole quarters of a turn: whether these
+/// are odd in number, and whether sine and cosine are negative in the quarter that they lead to.
+#[inline(always)]
+pub(crate) fn quarters<T: Scalar>(
+    odd: T::Mask,
+    [sin_negative, cos_negative]: [T::Mask; 2],
+    (sin, cos): (T, T),
+) -> (T, T) {
     let (sin, cos) = (T::select(odd, cos, sin), T::select(odd, sin, cos));
     (
         T::select(sin_negative, -sin, sin),

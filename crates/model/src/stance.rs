@@ -661,6 +661,12 @@ pub(crate) struct Contact<T> {
 }
 
 impl<T: Scalar> Rows<T> {
+    /// How fast the contact leaves the ground at velocities in the plane of the chassis and out of it, m/s.
+    #[inline(always)]
+    pub(crate) fn leaves(&self, plane: &[T; 3], heave: &[T; 3]) -> T {
+        dot3(self.out, *heave) + dot3(self.within, *plane)
+    }
+
     fn scaled(self, by: T) -> Self {
         Rows {
             out: self.out.map(|part| part * by),
@@ -670,7 +676,7 @@ impl<T: Scalar> Rows<T> {
         }
     }
 
-    fn none() -> Self {
+    pub(crate) fn none() -> Self {
         let none = [T::zero(); 3];
         Rows {
             out: none,

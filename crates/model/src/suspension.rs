@@ -10,7 +10,7 @@
 use crate::planar::Vec2;
 use crate::platform::{MAX_WHEELS, Platform};
 use crate::scalar::Scalar;
-use crate::stance::{cross, solve3};
+use crate::stance::{cross, dot3, solve3};
 
 /// What stands between the wheels and the chassis of a robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,7 +129,7 @@ impl<T: Scalar> Sprung<T> {
         let mut freed = [[T::zero(); 3]; 3];
         for a in 0..3 {
             for b in 0..3 {
-                freed[a][b] = dot(by[a], self.shared[b]);
+                freed[a][b] = dot3(by[a], self.shared[b]);
             }
         }
         freed
@@ -138,13 +138,13 @@ impl<T: Scalar> Sprung<T> {
     /// A⁻¹ f: rates of heave, roll and pitch under forces along and about these alone.
     #[inline(always)]
     pub fn release(&self, force: [T; 3]) -> [T; 3] {
-        self.inverse.map(|row| dot(row, force))
+        self.inverse.map(|row| dot3(row, force))
     }
 
     /// B α: what rates of heave, roll and pitch take of the forces in the plane.
     #[inline(always)]
     pub fn drag(&self, rates: [T; 3]) -> [T; 3] {
-        self.shared.map(|row| dot(row, rates))
+        self.shared.map(|row| dot3(row, rates))
     }
 
     /// Bᵀ a: what rates of the motion in the plane take of the forces of heave, roll and pitch.
@@ -152,12 +152,12 @@ impl<T: Scalar> Sprung<T> {
     pub fn sway(&self, rates: [T; 3]) -> [T; 3] {
         [0, 1, 2].map(|k| {
             let column = [self.shared[0][k], self.shared[1][k], self.shared[2][k]];
-            dot(column, rates)
+            dot3(column, rates)
         })
     }
 
-    /// Quadratic terms: those in the plane beyond what [`crate::slip`] has without heave, roll and pitch, and
-    /// those of these, at a twist whose moment of momentum about the normal would be `turned` without them.
+    /// Quadratic terms, N and N·m: those in the plane beyond what [`crate::slip`] has without heave, roll and pitch, and
+    /// those of these, at a twist whose moment of momentum about the normal, kg·m²/s, would be `turned` without them.
     pub fn quadratic(
         &self,
         velocity: Vec2<T>,
@@ -173,9 +173,9 @@ impl<T: Scalar> Sprung<T> {
         let plane = [velocity.x, velocity.y, yaw_rate];
         let sway = self.sway(plane);
         let moment = [
-            dot(self.own[1], heave) + sway[1],
-            dot(self.own[2], heave) + sway[2],
-            turned + dot(self.shared[2], heave),
+            dot3(self.own[1], heave) + sway[1],
+            dot3(self.own[2], heave) + sway[2],
+            turned + dot3(self.shared[2], heave),
         ];
         let linear = cross(turning, momentum).map(|part| -part);
         let [about, across] = [cross(turning, moment), cross(speed, momentum)];
@@ -203,12 +203,7 @@ impl<T: Scalar> Sprung<T> {
     /// Energy of motion beyond that in the plane, J.
     pub fn kinetic(&self, velocity: Vec2<T>, yaw_rate: T, heave: [T; 3]) -> T {
         let plane = [velocity.x, velocity.y, yaw_rate];
-        let own = dot(heave, self.own.map(|row| dot(row, heave)));
-        own.mul_add(T::from(0.5), dot(plane, self.drag(heave)))
+        let own = dot3(heave, self.own.map(|row| dot3(row, heave)));
+        own.mul_add(T::from(0.5), dot3(plane, self.drag(heave)))
     }
-}
-
-#[inline(always)]
-fn dot<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
-    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use appell_sim::record::{Event, Fan, Header, Mcap, Memory, RecordError, Recorder};
+use appell_sim::record::{self, Event, Fan, Header, Mcap, Memory, RecordError, Recorder};
 use appell_sim::report;
 use appell_sim::run::Summary;
 
@@ -34,17 +34,7 @@ impl Tape {
     pub fn open(folder: &Path, header: &Header) -> Result<Tape, String> {
         std::fs::create_dir_all(folder).map_err(|error| told(folder, &error))?;
         // What an earlier run left is not to be taken for this one's.
-        for old in [
-            "summary.json",
-            "report.html",
-            "trajectory.svg",
-            "trajectory.png",
-        ] {
-            let path = folder.join(old);
-            if path.exists() {
-                std::fs::remove_file(&path).map_err(|error| told(&path, &error))?;
-            }
-        }
+        record::clear(folder).map_err(|(path, error)| told(&path, &error))?;
         let scenario = folder.join("scenario.toml");
         std::fs::write(&scenario, &header.scenario_text)
             .map_err(|error| told(&scenario, &error))?;

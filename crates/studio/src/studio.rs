@@ -69,6 +69,21 @@ pub(crate) fn is_plain(name: &str) -> bool {
     (1..=64).contains(&name.len()) && name.chars().all(allowed)
 }
 
+/// Names of the plain files of a folder that `of` makes names from, in order.
+fn files(folder: &Path, of: impl Fn(&str) -> Option<String>) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let mut names: Vec<String> = entries
+        .filter_map(|entry| {
+            let entry = entry.ok()?;
+            // Not what leads elsewhere.
+            entry.file_type().ok()?.is_file().then_some(())?;
+            of(&entry.file_name().into_string().ok()?)
+        })
+        .collect();
+    names.sort();
+    names
+}
+
 impl Studio {
     /// Opens a scenario or a recording.
     ///
@@ -418,20 +433,9 @@ impl Studio {
 
     /// Scenarios beside the one that was opened, without their extension.
     pub fn scenarios(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(self.folder());
-        let mut names: Vec<String> = entries
-            .into_iter()
-            .flatten()
-            .filter_map(|entry| {
-                let entry = entry.ok()?;
-                // Not what leads elsewhere.
-                entry.file_type().ok()?.is_file().then_some(())?;
-                let name = entry.file_name().into_string().ok()?;
-                name.strip_suffix(".toml").map(str::to_owned)
-            })
-            .collect();
-        names.sort();
-        names
+        files(self.folder(), |name| {
+            name.strip_suffix(".toml").map(str::to_owned)
+        })
     }
 
     fn save(&mut self, name: &str, replace: bool) -> Result<Value, Refusal> {

@@ -76,13 +76,11 @@ pub(crate) fn sin_cos<T: Bits>(x: T) -> (T, T) {
     let sin = (r2 * r).mul_add(s, r).copysign(r);
     let cos = r2.mul_add(c, T::one());
 
-    let odd = shifted.has_bit(0);
-    let sin_negative = shifted.has_bit(1);
-    let cos_negative = (shifted + T::one()).has_bit(1);
-    let (sin, cos) = (T::select(odd, cos, sin), T::select(odd, sin, cos));
-    (
-        T::select(sin_negative, -sin, sin),
-        T::select(cos_negative, -cos, cos),
+    let next = shifted + T::one();
+    crate::math::quarters(
+        shifted.has_bit(0),
+        [shifted.has_bit(1), next.has_bit(1)],
+        (sin, cos),
     )
 }
 

@@ -10,7 +10,7 @@ use crate::planar::{Vec2, vec2};
 use crate::platform::{MAX_WHEELS, YAW};
 use crate::scalar::Scalar;
 use crate::solve::{Row, Square};
-use crate::stance::{Footing, Survey, axes, moves, solve3};
+use crate::stance::{Footing, Rows, Survey, axes, dot3, moves, solve3};
 use crate::suspension::Sprung;
 
 /// How often the wheels that bear are asked for within an iteration.
@@ -29,7 +29,7 @@ pub(super) struct Ride<'a, T: Scalar> {
     still: [T; MAX_WHEELS],
     gain: [T; MAX_WHEELS],
     touches: [bool; MAX_WHEELS],
-    rows: [([T; 3], [T; 3]); MAX_WHEELS],
+    rows: [Rows<T>; MAX_WHEELS],
 }
 
 /// What bears a robot on springs at a state.
@@ -67,17 +67,16 @@ impl<'a, T: Scalar> Ride<'a, T> {
         let mut still = [T::zero(); MAX_WHEELS];
         let mut gain = [T::zero(); MAX_WHEELS];
         let mut touches = [false; MAX_WHEELS];
-        let mut rows = [([T::zero(); 3], [T::zero(); 3]); MAX_WHEELS];
+        let mut rows = [Rows::none(); MAX_WHEELS];
         for i in 0..wheels {
             let contact = &survey.contacts[i];
             let whole = contact.whole();
-            rows[i] = (whole.out, whole.within);
+            rows[i] = whole;
             touches[i] = contact.load.lane(0) > 0.0;
             let stiff = footing.stiffness(i) * step;
             gain[i] = stiff + sprung.damping(i);
             // It lies as the velocities before led it there.
-            let led = dot(whole.out, heave) + dot(whole.within, plane);
-            still[i] = stiff.mul_add(led, contact.load);
+            still[i] = stiff.mul_add(whole.leaves(&plane, &heave), contact.load);
         }
         Some(Ride {
             footing,
@@ -106,7 +105,7 @@ impl<'a, T: Scalar> Ride<'a, T> {
             .map(|row| row.map(|part| part * self.per_step));
         let mut free = [T::zero(); 3];
         for k in 0..3 {
-            free[k] = self.survey.weight[k] + bent[k] - swayed[k] + dot(own[k], self.from.1);
+            free[k] = self.survey.weight[k] + bent[k] - swayed[k] + dot3(own[k], self.from.1);
         }
         let mut loads = self.loads(&plane, &before);
         let mut bears = self.bearing(&loads);
@@ -139,9 +138,8 @@ impl<'a, T: Scalar> Ride<'a, T> {
     /// What each contact would bear at these velocities, N.
     fn loads(&self, plane: &[T; 3], heave: &[T; 3]) -> [T; MAX_WHEELS] {
         let mut loads = [T::zero(); MAX_WHEELS];
-        for (i, (out, within)) in self.rows.iter().enumerate() {
-            let leaves = dot(*out, *heave) + dot(*within, *plane);
-            loads[i] = (-self.gain[i]).mul_add(leaves, self.still[i]);
+        for (i, rows) in self.rows.iter().enumerate() {
+            loads[i] = (-self.gain[i]).mul_add(rows.leaves(plane, heave), self.still[i]);
         }
         loads
     }
@@ -165,8 +163,8 @@ impl<'a, T: Scalar> Ride<'a, T> {
     ) -> ([[T; 3]; 3], [T; 3]) {
         let (mut matrix, mut right) = (own, free);
         for i in (0..bears.len()).filter(|&i| bears[i]) {
-            let (out, within) = &self.rows[i];
-            let load = (-self.gain[i]).mul_add(dot(*within, *plane), self.still[i]);
+            let Rows { out, within, .. } = &self.rows[i];
+            let load = (-self.gain[i]).mul_add(dot3(*within, *plane), self.still[i]);
             for a in 0..3 {
                 right[a] = load.mul_add(out[a], right[a]);
                 for b in 0..3 {
@@ -187,7 +185,7 @@ impl<'a, T: Scalar> Ride<'a, T> {
             .shared()
             .map(|row| row.map(|part| part * self.per_step));
         for i in (0..bears.len()).filter(|&i| bears[i]) {
-            let (out, within) = &self.rows[i];
+            let Rows { out, within, .. } = &self.rows[i];
             for a in 0..3 {
                 let stiff = self.gain[i] * within[a];
                 for b in 0..3 {
@@ -199,7 +197,7 @@ impl<'a, T: Scalar> Ride<'a, T> {
         let follows = both.map(|row| solve3(matrix, row));
         for a in 0..3 {
             for b in 0..3 {
-                change[a][b] -= dot(both[a], follows[b]);
+                change[a][b] -= dot3(both[a], follows[b]);
             }
         }
         change
@@ -240,8 +238,7 @@ impl<T: Scalar> Slip<T> {
         let mut lifted = [true; MAX_WHEELS];
         for i in 0..self.layout().wheels {
             let contact = &survey.contacts[i];
-            let whole = contact.whole();
-            let leaves = dot(whole.out, heave) + dot(whole.within, plane);
+            let leaves = contact.whole().leaves(&plane, &heave);
             let load = (-sprung.damping(i)).mul_add(leaves, contact.load);
             lifted[i] = contact.load.lane(0) <= 0.0 || load.lane(0) <= 0.0;
             if !lifted[i] {
@@ -303,8 +300,7 @@ impl<T: Scalar> Slip<T> {
         let (plane, heave) = self.motion(x);
         for i in 0..self.layout().wheels {
             let contact = &spring.survey.contacts[i];
-            let whole = contact.whole();
-            let leaves = dot(whole.out, heave) + dot(whole.within, plane);
+            let leaves = contact.whole().leaves(&plane, &heave);
             let stored = contact.load.max(T::zero());
             lost = (stored - spring.borne[i]).mul_add(leaves, lost);
         }
@@ -360,9 +356,4 @@ impl<T: Scalar> Lie<T> {
         let velocity = vec2(plane[0], plane[1]);
         Some(self.stance.moves(velocity, plane[2], heave))
     }
-}
-
-#[inline(always)]
-fn dot<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
-    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }

@@ -26,14 +26,14 @@ fn on(platform: Platform<f64>, tire: Tire<f64>, features: Vec<Relief>) -> Slip<f
         .on(footing)
 }
 
-fn at(system: &Slip<f64>, pose: [f64; 3], velocity: Vec2<f64>) -> Vec<f64> {
+pub fn at(system: &Slip<f64>, pose: [f64; 3], velocity: Vec2<f64>) -> Vec<f64> {
     let mut x = vec![0.0; system.layout().state()];
     (x[0], x[1], x[YAW]) = (pose[0], pose[1], pose[2]);
     system.platform().renew_angles(&mut x);
     system.rolling_state(&x, velocity, 0.0)
 }
 
-fn outputs(system: &Slip<f64>, x: &[f64], u: &[f64]) -> Vec<f64> {
+pub fn outputs(system: &Slip<f64>, x: &[f64], u: &[f64]) -> Vec<f64> {
     let mut y = vec![0.0; system.sizes().output];
     system.output(x, u, &vec![1.0; system.layout().wheels], &mut y);
     y

@@ -26,7 +26,7 @@ pub mod rosbag;
 mod tests;
 
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -39,6 +39,35 @@ pub use memory::Memory;
 pub use outlet::Sink;
 pub use parquet::Parquet;
 pub use rosbag::Rosbag;
+
+/// What a run leaves in its folder besides its scenario.
+const LEFT: [&str; 9] = [
+    "summary.json",
+    "report.html",
+    "trajectory.svg",
+    "trajectory.png",
+    "recording.mcap",
+    "recording.csv",
+    "recording.parquet",
+    "ros2/metadata.yaml",
+    "ros2/ros2_0.mcap",
+];
+
+/// Takes away what an earlier run left in a folder, which is not to be taken for the next one's.
+///
+/// # Errors
+/// A file that cannot be removed, and why.
+pub fn clear(folder: &Path) -> Result<(), (PathBuf, std::io::Error)> {
+    for name in LEFT {
+        let path = folder.join(name);
+        if path.exists()
+            && let Err(error) = std::fs::remove_file(&path)
+        {
+            return Err((path, error));
+        }
+    }
+    Ok(())
+}
 
 /// Most signals one file holds.
 const SIGNALS_MAX: usize = 1 << 16;

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::command::Refusal;
 use super::edits::HAND;
-use super::{Studio, is_plain};
+use super::{Studio, files, is_plain};
 
 /// Tasks that are made of beacons, with how many of them each needs.
 const TASKS: [(&str, usize); 4] = [("homing", 1), ("gate", 2), ("eight", 2), ("slalom", 2)];
@@ -17,20 +17,10 @@ const FILES_MAX: usize = 200;
 
 /// Names of the plain files of a folder that end so, without their ending, in order.
 fn stems(folder: &Path, ending: &str) -> Vec<String> {
-    let entries = std::fs::read_dir(folder);
-    let mut names: Vec<String> = entries
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| {
-            let entry = entry.ok()?;
-            // Not what leads elsewhere.
-            entry.file_type().ok()?.is_file().then_some(())?;
-            let name = entry.file_name().into_string().ok()?;
-            let stem = name.strip_suffix(ending)?;
-            is_plain(stem).then(|| stem.to_owned())
-        })
-        .collect();
-    names.sort();
+    let mut names = files(folder, |name| {
+        let stem = name.strip_suffix(ending)?;
+        is_plain(stem).then(|| stem.to_owned())
+    });
     names.truncate(FILES_MAX);
     names
 }

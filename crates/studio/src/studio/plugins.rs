@@ -87,19 +87,10 @@ impl Studio {
                 }));
             }
         }
-        let entries = std::fs::read_dir(self.folder());
-        let mut files: Vec<String> = entries
-            .into_iter()
-            .flatten()
-            .filter_map(|entry| {
-                let entry = entry.ok()?;
-                entry.file_type().ok()?.is_file().then_some(())?;
-                let name = entry.file_name().into_string().ok()?;
-                let stem = name.rsplit_once('.')?.0;
-                (host(&name).is_some() && is_plain(stem)).then_some(name)
-            })
-            .collect();
-        files.sort();
+        let mut files = super::files(self.folder(), |name| {
+            let stem = name.rsplit_once('.')?.0;
+            (host(name).is_some() && is_plain(stem)).then(|| name.to_owned())
+        });
         files.truncate(FILES_MAX);
         let files: Vec<Value> = files
             .iter()
