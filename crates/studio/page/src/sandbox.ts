@@ -44,6 +44,7 @@ export class Sandbox {
   /** Whether the frame is one of ours, and which address was tried. */
   private isThere = false;
   private isPlain = false;
+  private hasLoaded = false;
 
   constructor(root: HTMLElement, name: string, private readonly begin: { source: string; scene: PanelScene; look: Look; settings: Record<string, unknown> }, private readonly wishes: Wishes) {
     this.frame.title = name;
@@ -59,15 +60,16 @@ export class Sandbox {
 
   private load(address: string): void {
     const channel = new MessageChannel();
-    let hasLoaded = false;
+    this.hasLoaded = false;
     this.port?.close();
     this.port = channel.port1;
     this.port.onmessage = event => this.hear(event.data);
     this.silent = 0;
     this.frame.onload = () => {
       // A frame that leads itself elsewhere is none of ours.
-      if (hasLoaded) { if (this.isThere) this.fail('it left its frame'); return; }
-      hasLoaded = true;
+      if (this.hasLoaded) { if (this.isThere) this.fail('it left its frame'); return; }
+      this.hasLoaded = true;
+      this.silent = 0;
       this.frame.contentWindow?.postMessage(null, '*', [channel.port2]);
     };
     this.frame.src = address;
@@ -114,11 +116,13 @@ export class Sandbox {
     this.flushSettings();
     // Beats of a page that sleeps are few, hence they are counted, not timed.
     if (this.isDue) this.silent++;
-    if (!this.isThere && !this.isPlain && this.silent > PATIENCE / 2) {
+    // A frame that loads slowly is waited for; one that loaded and is not ours came from a name that is not known.
+    const patience = this.hasLoaded ? PATIENCE : 2 * PATIENCE;
+    if (!this.isThere && !this.isPlain && this.silent > (this.hasLoaded ? patience / 2 : patience)) {
       this.isPlain = true;
       this.load(new URL('/frame', location.href).href);
-    } else if (this.silent > PATIENCE) {
-      this.fail(`it has not answered for ${PATIENCE * BEAT / 1000} s`);
+    } else if (this.silent > patience) {
+      this.fail(`it has not answered for ${patience * BEAT / 1000} s`);
       return;
     }
     if (!this.isDue) { this.isDue = true; this.silent = 0; this.port?.postMessage({ ping: true }); }
