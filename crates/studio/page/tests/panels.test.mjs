@@ -23,7 +23,8 @@ before(async () => {
   panels = join(studio.folder, 'panels');
   mkdirSync(panels);
   await page.goto(studio.address);
-  await studio.command({ do: 'speed', factor: 0.25 });
+  // So slow that the run of 25 s outlasts the tests on any machine.
+  await studio.command({ do: 'speed', factor: 0.05 });
   await page.getByRole('button', { name: 'Play', exact: true }).click();
 });
 after(() => studio?.close());
@@ -99,7 +100,7 @@ test('one that hangs is closed, and holds up neither the page nor another', { ti
   }
   console.log(`${(pictures / beats * 4).toFixed(0)} pictures a second while a panel hangs`);
   assert.match(await alert.textContent(), /has not answered for 4 s/);
-  assert.ok(wentOn, `the other went on from "${before}": ${JSON.stringify(await studio.state()).slice(0, 300)}`);
+  assert.ok(wentOn, `the other went on from ${before}, playing: ${(await studio.state()).playing}`);
   await alert.getByRole('button', { name: 'Close' }).click();
 });
 
