@@ -163,6 +163,11 @@ impl<T: Scalar> Rolling<T> {
         self.is_bare = true;
     }
 
+    /// Steps driven wheels one by one, even where they are alike.
+    pub fn part(&mut self) {
+        self.is_paired = false;
+    }
+
     /// The platform.
     pub fn platform(&self) -> &Platform<T> {
         &self.platform

@@ -18,7 +18,7 @@ use appell_model::trailer::Trailer;
 use appell_model::wheel::{Rim, Steering, Wheel};
 
 use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
-use crate::plant::Contacts;
+use crate::plant::{Chosen, Contacts};
 use crate::route::Fault;
 use crate::scenario::{self, Direction, DriveChoice, Level, Robot, Scenario, Side, Task, Terrain};
 
@@ -50,7 +50,7 @@ pub struct Values<'a, T> {
     seeds: &'a [(String, T)],
     /// What was asked for, where that is listed.
     asked: Option<RefCell<Vec<(String, f64)>>>,
-    methods: &'a [scenario::Integrator],
+    chosen: &'a [Chosen],
 }
 
 impl<'a, T: Scalar> Values<'a, T> {
@@ -59,23 +59,22 @@ impl<'a, T: Scalar> Values<'a, T> {
         Values {
             seeds,
             asked: None,
-            methods: &[],
+            chosen: &[],
         }
     }
 
-    /// Numbers as they stand, for robots that are integrated by these methods, whatever the scenario
-    /// would choose.
-    pub fn integrated_by(methods: &'a [scenario::Integrator]) -> Self {
+    /// Numbers as they stand, for robots that are stepped like this, whatever would be chosen for them.
+    pub(crate) fn stepped_by(chosen: &'a [Chosen]) -> Self {
         Values {
             seeds: &[],
             asked: None,
-            methods,
+            chosen,
         }
     }
 
-    /// The method of a robot, by its place, of which the scenario says this.
-    pub(crate) fn method(&self, robot: usize, asked: scenario::Integrator) -> scenario::Integrator {
-        self.methods.get(robot).copied().unwrap_or(asked)
+    /// How a robot is to be stepped, by its place, where that is settled.
+    pub(crate) fn chosen(&self, robot: usize) -> Option<Chosen> {
+        self.chosen.get(robot).copied()
     }
 
     /// Numbers as they stand, all of which are listed.
@@ -83,7 +82,7 @@ impl<'a, T: Scalar> Values<'a, T> {
         Values {
             seeds: &[],
             asked: Some(RefCell::default()),
-            methods: &[],
+            chosen: &[],
         }
     }
 

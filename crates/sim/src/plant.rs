@@ -86,6 +86,17 @@ pub struct Numerics {
     pub step: f64,
     /// Relative tolerance of the adaptive method.
     pub tolerance: f64,
+    /// Whether wheels that are alike may be stepped by sum and difference.
+    pub pairs: bool,
+}
+
+/// How a plant is stepped, which its numbers decide.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Chosen {
+    /// Method.
+    pub integrator: Integrator,
+    /// Whether its driven wheels are stepped by sum and difference.
+    pub is_paired: bool,
 }
 
 /// Start of a plant.
@@ -177,7 +188,10 @@ impl<T: Scalar> Plant<T> {
                 let method = method(&system, radius, numerics)?;
                 (System::Kinematic(Box::new(system)), method)
             } else {
-                let system = Rolling::new(platform, ground);
+                let mut system = Rolling::new(platform, ground);
+                if !numerics.pairs {
+                    system.part();
+                }
                 let own: &dyn Any = &system;
                 let radius = match own.downcast_ref::<Rolling<f64>>() {
                     Some(own) => fastest(own, own.platform(), start.angles),
@@ -267,13 +281,16 @@ impl<T: Scalar> Plant<T> {
         self.y[3] + self.y[4] + self.y[5]
     }
 
-    /// The integrator that was chosen; levels with a method of their own need no choice.
-    pub(crate) fn method(&self) -> Integrator {
-        match &self.method {
-            Method::RungeKutta4(_) => Integrator::Rk4,
-            Method::Exponential(_) => Integrator::Exponential,
-            Method::Adaptive(_) => Integrator::Adaptive,
-            Method::Own => Integrator::Auto,
+    /// How it is stepped; levels with a method of their own need no choice.
+    pub(crate) fn chosen(&self) -> Chosen {
+        Chosen {
+            integrator: match &self.method {
+                Method::RungeKutta4(_) => Integrator::Rk4,
+                Method::Exponential(_) => Integrator::Exponential,
+                Method::Adaptive(_) => Integrator::Adaptive,
+                Method::Own => Integrator::Auto,
+            },
+            is_paired: matches!(&self.system, System::Rolling(system) if system.is_paired()),
         }
     }
 
@@ -344,6 +361,7 @@ fn method<T: Scalar, S: Dynamics<T>>(
         integrator,
         step,
         tolerance,
+        ..
     } = numerics;
     let sizes = system.sizes();
     let rk4 = || Method::RungeKutta4(RungeKutta4::new(sizes.state, sizes.input));

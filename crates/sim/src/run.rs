@@ -20,12 +20,12 @@ use crate::layout::{Assignment, Goal, Layout};
 use crate::live::{Script, Workshop};
 use crate::meter::Meter;
 use crate::plan::{self, Path, PlanError};
-use crate::plant::{Numerics, Plant, PlantError, Start};
+use crate::plant::{Chosen, Numerics, Plant, PlantError, Start};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::relief::Grids;
 use crate::scenario::{
-    Controller, Diagnostic, Diagnostics, Drive, Integrator, Level, Loaded, Precision, Robot,
-    Scenario, Sensor, Statistics, Task,
+    Controller, Diagnostic, Diagnostics, Drive, Level, Loaded, Precision, Robot, Scenario, Sensor,
+    Statistics, Task,
 };
 use crate::world::{Failure, Listener, Parts, RobotBlocks, SimError, Swapped, World};
 
@@ -194,8 +194,8 @@ pub(crate) struct Assembly<T: Scalar> {
     pub paths: Vec<Option<Arc<Path>>>,
     pub assignments: Vec<Option<Assignment>>,
     pub integrators: Vec<String>,
-    /// The methods that they name.
-    pub methods: Vec<Integrator>,
+    /// How its robots are stepped.
+    pub chosen: Vec<Chosen>,
     /// Signals that are commanded from outside.
     pub outsides: Vec<crate::signal::Signal>,
     /// What the plug-ins of each robot may read and write.
@@ -279,7 +279,7 @@ pub(crate) fn assemble<T: Scalar>(
     let key = (scenario.seed, scenario.trial + trial);
     let mut robots = Vec::new();
     let (mut paths, mut assignments, mut integrators) = (Vec::new(), Vec::new(), Vec::new());
-    let mut methods = Vec::new();
+    let mut chosen = Vec::new();
     let mut outsides = Vec::new();
     let mut reaches = Vec::new();
     for (place, robot) in scenario.robot.iter().enumerate() {
@@ -307,10 +307,12 @@ pub(crate) fn assemble<T: Scalar>(
             twist: robot.twist.map(T::from),
             angles: &angles,
         };
+        let settled = values.chosen(place);
         let numerics = Numerics {
-            integrator: values.method(place, scenario.time.integrator),
+            integrator: settled.map_or(scenario.time.integrator, |chosen| chosen.integrator),
             step,
             tolerance: scenario.time.tolerance,
+            pairs: settled.is_none_or(|chosen| chosen.is_paired),
         };
         let name = &robot.name;
         let level = robot.level;
@@ -325,7 +327,7 @@ pub(crate) fn assemble<T: Scalar>(
         )
         .map_err(|error| refuse_plant(loaded, &format!("robot.{name}"), error))?;
         integrators.push(plant.integrator());
-        methods.push(plant.method());
+        chosen.push(plant.chosen());
         let layout = build::layout(scenario, robot);
         let assignment = robot
             .task
@@ -441,7 +443,7 @@ pub(crate) fn assemble<T: Scalar>(
         paths,
         assignments,
         integrators,
-        methods,
+        chosen,
         outsides,
         reaches,
         relief,

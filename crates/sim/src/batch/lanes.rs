@@ -8,9 +8,10 @@ use appell_model::scalar::Scalar;
 use super::{Batch, Manifest, PART, Row};
 use crate::build::Values;
 use crate::meter::Meter;
+use crate::plant::Chosen;
 use crate::record::{Event, RecordError};
 use crate::run::{Account, Plans, assemble, world};
-use crate::scenario::{Diagnostics, Integrator, Loaded};
+use crate::scenario::{Diagnostics, Loaded};
 use crate::world::{Listener, Parts, World};
 
 /// Rows that wait for a thread.
@@ -49,7 +50,7 @@ struct Ready {
     trial: u64,
     loaded: Loaded,
     integrators: Vec<String>,
-    methods: Vec<Integrator>,
+    chosen: Vec<Chosen>,
     parts: Parts<f64>,
 }
 
@@ -129,7 +130,7 @@ impl Worker<'_> {
             trial,
             loaded,
             integrators: assembly.integrators,
-            methods: assembly.methods,
+            chosen: assembly.chosen,
             parts: assembly.parts,
         })
     }
@@ -143,7 +144,7 @@ impl Worker<'_> {
             own.ok().map(|own| World::wire(own.parts))
         } else {
             let Ready { loaded, trial, .. } = &ready;
-            world(loaded, *trial, self.plans, &ready.methods, &ready.parts)
+            world(loaded, *trial, self.plans, &ready.chosen, &ready.parts)
         };
         let Some(world) = world else {
             self.run_alone(&ready);

@@ -464,14 +464,17 @@ fn check_lanes(name: &str, set: &[(&str, &str)], precision: Precision) {
     }
 }
 
-/// A robot whose wheels are alike has a step of its own: it must be the same beside others.
+/// A robot whose wheels are alike has a step of its own: it must be the same beside others, the first of
+/// them or not, and also beside wheels that are alike in single precision alone.
 #[test]
 fn invariant_alike_and_unlike_wheels_share_a_batch() {
-    let vary = [draw::parse(
-        "robot.tri.platform.wheel.left.drive.torque_constant=grid(0.0484, 0.05, 0.05)",
-    )
-    .expect("a draw")];
-    for precision in [Precision::F64, Precision::F32] {
+    let drawn = ["0.0484, 0.05, 0.05000000000001", "0.05000000000001, 0.05"];
+    for (drawn, precision) in drawn
+        .into_iter()
+        .flat_map(|drawn| [(drawn, Precision::F64), (drawn, Precision::F32)])
+    {
+        let vary = format!("robot.tri.platform.wheel.left.drive.torque_constant=grid({drawn})");
+        let vary = [draw::parse(&vary).expect("a draw")];
         let overrides = [
             ("time.duration".to_owned(), "1.0".to_owned()),
             ("batch.precision".to_owned(), precision.name().to_owned()),
@@ -484,6 +487,7 @@ fn invariant_alike_and_unlike_wheels_share_a_batch() {
             let alone = batch.trial(0, row.trial);
             let bits =
                 |row: &super::Row| row.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_ne!(row.verdict, "invalid");
             assert_eq!(
                 (alone.verdict.as_str(), bits(&alone)),
                 (row.verdict.as_str(), bits(&row))

@@ -9,8 +9,9 @@ use appell_model::scalar::Scalar;
 use super::{Account, Assembly, PROGRESS_TICKS, Plans, Run, Summary, assemble, refuse};
 use crate::build::Values;
 use crate::meter::Meter;
+use crate::plant::Chosen;
 use crate::record::{Event, RecordError, Recorder};
-use crate::scenario::{Diagnostics, Integrator, Loaded, Precision};
+use crate::scenario::{Diagnostics, Loaded, Precision};
 use crate::world::{Listener, Parts, SimError, World};
 
 /// A run in single precision: the bits of a trial of a batch in that precision.
@@ -25,16 +26,16 @@ pub struct NarrowRun {
     plans: Arc<Plans>,
 }
 
-/// A world of lanes that are made for trials like one, integrated by these methods; none where they
-/// do not fit it.
+/// A world of lanes that are made for trials like one, whose robots are stepped like this; none where
+/// they do not fit it.
 pub(crate) fn world<T: Scalar<Single = f64>>(
     loaded: &Loaded,
     trial: u64,
     plans: &Plans,
-    methods: &[Integrator],
+    chosen: &[Chosen],
     parts: &Parts<f64>,
 ) -> Option<World<T>> {
-    let wide = assemble::<T>(loaded, trial, plans, &Values::integrated_by(methods)).ok()?;
+    let wide = assemble::<T>(loaded, trial, plans, &Values::stepped_by(chosen)).ok()?;
     let world = World::wire(wide.parts);
     world.fits(parts).then_some(world)
 }
@@ -109,7 +110,7 @@ impl NarrowRun {
     fn world<T: Scalar<Single = f64>>(&self) -> Option<World<T>> {
         let one = self.parts().ok()?;
         let (loaded, trial) = (&self.loaded, self.trial);
-        let mut world = world(loaded, trial, &self.plans, &one.methods, &one.parts)?;
+        let mut world = world(loaded, trial, &self.plans, &one.chosen, &one.parts)?;
         world.put(0, one.parts);
         Some(world)
     }
