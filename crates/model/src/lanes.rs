@@ -470,6 +470,35 @@ mod tests {
         }
     }
 
+    /// Each number of a table comes to its lane and column.
+    #[test]
+    fn closed_form_columns_of_rows() {
+        struct Columns;
+
+        impl AnyLanes for Columns {
+            type Output = ();
+
+            fn run<T: Scalar<Single = f64>>(self) {
+                let table: [[f64; 8]; LANES_MAX] = core::array::from_fn(|lane| {
+                    core::array::from_fn(|column| (100 * lane + column) as f64)
+                });
+                let columns = T::columns(&table.each_ref());
+                for (column, numbers) in columns.into_iter().enumerate() {
+                    for lane in 0..T::LANES {
+                        assert_eq!(numbers.lane(lane), table[lane][column]);
+                    }
+                }
+            }
+        }
+
+        for lanes in [1, 4, 8] {
+            dispatch(lanes, Columns);
+        }
+        for lanes in [1, 8, 16] {
+            narrow::dispatch(lanes, Columns);
+        }
+    }
+
     #[test]
     fn closed_form_masks() {
         let mask = LaneMask::<4>::from_lanes(|i| i % 2 == 0);

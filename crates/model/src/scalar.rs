@@ -15,6 +15,7 @@
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
+use crate::lanes::LANES_MAX;
 use crate::math;
 
 /// A number in an equation: `f64`, [`crate::lanes::Lanes`] or [`crate::dual::Dual`].
@@ -85,6 +86,16 @@ pub trait Scalar:
 
     /// Builds a number from what each lane holds.
     fn from_singles(single: impl FnMut(usize) -> Self::Single) -> Self;
+
+    /// The columns of a table of which each lane gives a row.
+    #[inline(always)]
+    fn columns(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
+        let mut columns = [Self::zero(); 8];
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column = Self::from_lanes(|lane| rows[lane][k]);
+        }
+        columns
+    }
 
     /// Zero in every lane.
     #[inline(always)]

@@ -9,6 +9,7 @@ use core::arch::x86_64::*;
 use core::fmt;
 use core::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
+use crate::lanes::LANES_MAX;
 use crate::math::{self, Bits};
 use crate::scalar::{Mask, Registers, Scalar};
 
@@ -128,6 +129,11 @@ macro_rules! register {
             #[inline(always)]
             fn from_singles(single: impl FnMut(usize) -> f64) -> Self {
                 Self::from_lanes(single)
+            }
+
+            #[inline(always)]
+            fn columns(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
+                Self::transposed(rows)
             }
 
             #[inline(always)]
@@ -261,6 +267,30 @@ register! {
 }
 
 impl Avx4 {
+    /// Columns of four rows, by halves: pairs of rows, then of pairs.
+    #[inline(always)]
+    fn transposed(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
+        let mut columns = [Self::from(0.0); 8];
+        for half in [0, 4] {
+            let mut pairs = [[Self::from(0.0).0; 2]; 2];
+            for k in 0..2 {
+                // SAFETY: half a row is four numbers, aligned as such.
+                let first = vector!(_mm256_loadu_pd(rows[2 * k][half..].as_ptr()));
+                let second = vector!(_mm256_loadu_pd(rows[2 * k + 1][half..].as_ptr()));
+                pairs[k][0] = vector!(_mm256_unpacklo_pd(first, second));
+                pairs[k][1] = vector!(_mm256_unpackhi_pd(first, second));
+            }
+            for odd in 0..2 {
+                let (first, second) = (pairs[0][odd], pairs[1][odd]);
+                let low = vector!(_mm256_permute2f128_pd::<0x20>(first, second));
+                let high = vector!(_mm256_permute2f128_pd::<0x31>(first, second));
+                columns[half + odd] = Self(low);
+                columns[half + odd + 2] = Self(high);
+            }
+        }
+        columns
+    }
+
     #[inline(always)]
     fn flip(self, bits: Self) -> Self {
         Self(vector!(_mm256_xor_pd(self.0, bits.0)))
@@ -411,6 +441,38 @@ register! {
 }
 
 impl Avx8 {
+    /// Columns of eight rows: pairs of rows, then of pairs, then of fours.
+    #[inline(always)]
+    fn transposed(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
+        let mut pairs = [[Self::from(0.0).0; 2]; 4];
+        for k in 0..4 {
+            // SAFETY: a row is eight numbers, aligned as such.
+            let first = vector!(_mm512_loadu_pd(rows[2 * k].as_ptr()));
+            let second = vector!(_mm512_loadu_pd(rows[2 * k + 1].as_ptr()));
+            pairs[k][0] = vector!(_mm512_unpacklo_pd(first, second));
+            pairs[k][1] = vector!(_mm512_unpackhi_pd(first, second));
+        }
+        let mut columns = [Self::from(0.0); 8];
+        for odd in 0..2 {
+            let (a, b) = (pairs[0][odd], pairs[1][odd]);
+            let (c, d) = (pairs[2][odd], pairs[3][odd]);
+            // Columns 0 and 2, then 4 and 6, or those beside.
+            let (ab, cd) = vector!((
+                _mm512_shuffle_f64x2::<0x44>(a, b),
+                _mm512_shuffle_f64x2::<0x44>(c, d)
+            ));
+            columns[odd] = Self(vector!(_mm512_shuffle_f64x2::<0x88>(ab, cd)));
+            columns[odd + 2] = Self(vector!(_mm512_shuffle_f64x2::<0xdd>(ab, cd)));
+            let (ab, cd) = vector!((
+                _mm512_shuffle_f64x2::<0xee>(a, b),
+                _mm512_shuffle_f64x2::<0xee>(c, d)
+            ));
+            columns[odd + 4] = Self(vector!(_mm512_shuffle_f64x2::<0x88>(ab, cd)));
+            columns[odd + 6] = Self(vector!(_mm512_shuffle_f64x2::<0xdd>(ab, cd)));
+        }
+        columns
+    }
+
     #[inline(always)]
     fn flip(self, bits: Self) -> Self {
         Self(vector!(_mm512_xor_pd(self.0, bits.0)))

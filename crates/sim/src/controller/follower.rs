@@ -8,7 +8,7 @@ use appell_model::math::{hypot, wrap_angle};
 use appell_model::scalar::{Mask, Scalar};
 
 use super::law::{Place, clamp};
-use super::track::{Track, Tracks};
+use super::track::{Point, Track, Tracks};
 use crate::block::{Kernel, Now, Port, Wired, restore_numbers, save_numbers};
 use crate::build::Values;
 use crate::plan::SpeedLimits;
@@ -169,34 +169,30 @@ pub fn path_follower<T: Scalar>(
     Wired::new(inputs, outputs, follower)
 }
 
-/// Where a point is beside a point of a path.
-struct Beside<T> {
-    /// That point: x and y, m.
-    point: [T; 2],
-    /// Before it, m.
-    along: T,
-    /// Left of it, m.
-    offset: T,
-    /// Heading of the path, rad.
-    heading: T,
-    /// Curvature of the path, 1/m.
-    curvature: T,
+/// A point of a path with its directions.
+struct Foot<T> {
+    point: Point<T>,
+    /// Of the heading of the path.
+    cos: T,
+    sin: T,
+}
+
+impl<T: Scalar> Foot<T> {
+    /// How far a position is before it, and to the left, m.
+    #[inline(always)]
+    fn beside(&self, x: T, y: T) -> [T; 2] {
+        let (dx, dy) = (x - self.point.place[0], y - self.point.place[1]);
+        [dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin]
+    }
 }
 
 impl<T: Scalar> Follower<T> {
-    /// Where a point is beside the path's point at arc length s.
+    /// The path at arc length s, m.
     #[inline(always)]
-    fn beside(&self, x: T, y: T, s: T) -> Beside<T> {
+    fn foot(&self, s: T) -> Foot<T> {
         let point = self.path.at(s);
         let (sin, cos) = point.heading.sin_cos();
-        let (dx, dy) = (x - point.place[0], y - point.place[1]);
-        Beside {
-            point: point.place,
-            along: dx * cos + dy * sin,
-            offset: dy * cos - dx * sin,
-            heading: point.heading,
-            curvature: point.curvature,
-        }
+        Foot { point, cos, sin }
     }
 
     /// Moves the point that the errors are taken from on by a period `dt`, s.
@@ -204,7 +200,7 @@ impl<T: Scalar> Follower<T> {
     fn progress(&self, state: &mut State<T>, x: T, y: T, dt: T) {
         if self.law.0 == Law::Kanayama {
             // The reference goes its own way, but waits for a robot that is far behind.
-            let along = self.beside(x, y, state.progress).along;
+            let [along, _] = self.foot(state.progress).beside(x, y);
             let patience = T::from(2.0) + along / self.lookahead;
             let step = clamp(patience, T::zero(), T::one()) * state.speed * dt;
             state.progress = (state.progress + step).min(self.path.length);
@@ -213,9 +209,10 @@ impl<T: Scalar> Follower<T> {
         // The foot of the robot on the path moves forward only, and no faster than twice the robot.
         let reach = T::from(2.0) * (state.speed + self.acceleration * dt) * dt;
         for _ in 0..2 {
-            let beside = self.beside(x, y, state.progress);
-            let bend = (T::one() - beside.curvature * beside.offset).max(T::from(0.2));
-            let step = clamp(beside.along / bend, T::zero(), reach);
+            let foot = self.foot(state.progress);
+            let [along, offset] = foot.beside(x, y);
+            let bend = (T::one() - foot.point.curvature * offset).max(T::from(0.2));
+            let step = clamp(along / bend, T::zero(), reach);
             state.progress = (state.progress + step).min(self.path.length);
         }
     }
@@ -238,20 +235,26 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let (zero, dt) = (T::zero(), T::from(now.dt));
         let mut state = self.state;
         self.progress(&mut state, x, y, dt);
-        let beside = self.beside(x, y, state.progress);
-        let (offset, heading_error) = (beside.offset, wrap_angle(yaw - beside.heading));
+        let foot = self.foot(state.progress);
+        let Point {
+            place: point,
+            heading,
+            curvature,
+        } = foot.point;
+        let [along, offset] = foot.beside(x, y);
+        let heading_error = wrap_angle(yaw - heading);
         let place = Place {
             path: &self.path,
             progress: state.progress,
-            point: beside.point,
+            point,
             pose: [x, y, yaw],
-            along: beside.along,
+            along,
             offset,
             heading_error,
             lookahead: self.lookahead,
             speed_max: self.speed,
         };
-        let left = self.path.length - state.progress - beside.along.min(zero);
+        let left = self.path.length - state.progress - along.min(zero);
         let arrived = left.less(T::from(0.002));
         let step = self.acceleration * dt;
         // Speeds change no faster than the tuning allows; braking may use half as much again.
@@ -288,8 +291,8 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
             state.speed = speed.min(faster).max(braked);
             command = place.move_sideways(self.law.0, state.speed);
             let (wanted, rate) = if self.heading.0 == Heading::Along {
-                let bend = (T::one() - beside.curvature * offset).max(T::from(0.2));
-                (beside.heading, state.speed * (beside.curvature / bend))
+                let bend = (T::one() - curvature * offset).max(T::from(0.2));
+                (heading, state.speed * (curvature / bend))
             } else {
                 (self.start, zero)
             };
@@ -311,10 +314,9 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
             state.yaw_rate - turn_step,
             state.yaw_rate + turn_step,
         );
-        let ahead = self.beside(input[3], input[4], state.progress).along;
-        let true_offset = self
-            .beside(input[3], input[4], state.progress + ahead)
-            .offset;
+        let [ahead, _] = foot.beside(input[3], input[4]);
+        let nearest = self.foot(state.progress + ahead);
+        let [_, true_offset] = nearest.beside(input[3], input[4]);
         let error = place.error();
         output[0] = command.forward;
         output[1] = command.left;
@@ -338,10 +340,11 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let mut best = (T::from(T::LARGEST), progress);
         for k in 0..=SEARCHED {
             let s = ahead.mul_add(T::from(k as f64 / SEARCHED as f64), progress);
-            let beside = self.beside(x, y, s);
-            let off = self.lookahead * wrap_angle(yaw - beside.heading);
-            let across = beside.offset.mul_add(beside.offset, off * off);
-            let cost = beside.along.mul_add(beside.along, across);
+            let foot = self.foot(s);
+            let [along, offset] = foot.beside(x, y);
+            let off = self.lookahead * wrap_angle(yaw - foot.point.heading);
+            let across = offset.mul_add(offset, off * off);
+            let cost = along.mul_add(along, across);
             // Of laps that are as near the first counts.
             let nearer = (cost + slack * slack).less(best.0);
             best.0 = T::select(nearer, cost, best.0);

@@ -14,7 +14,7 @@ pub struct Track {
     /// Arc length between neighboring points, m.
     ds: f64,
     length: f64,
-    /// x, y, heading, curvature.
+    /// x, y, heading, curvature; two at least, for each is read with the next.
     points: Vec<[f64; 4]>,
 }
 
@@ -25,10 +25,14 @@ impl Track {
             let [x, y] = path.points[k];
             [x, y, path.heading[k], path.curvature[k]]
         };
+        let mut points: Vec<[f64; 4]> = (0..path.points.len()).map(point).collect();
+        if let [only] = points[..] {
+            points.push(only);
+        }
         Track {
             ds: path.ds,
             length: path.length,
-            points: (0..path.points.len()).map(point).collect(),
+            points,
         }
     }
 
@@ -97,18 +101,18 @@ impl<T: Scalar> Tracks<T> {
     #[inline(always)]
     pub fn at(&self, s: T) -> Point<T> {
         let (whole, fraction) = self.before(self.steps(s));
-        let mut before = [[0.0; 4]; LANES_MAX];
-        let mut after = [[0.0; 4]; LANES_MAX];
+        // A point and the next.
+        let mut rows = [&[0.0; 8]; LANES_MAX];
         for lane in 0..T::LANES {
             let points = &self.paths[lane].points;
-            let k = whole.lane(lane) as usize;
-            before[lane] = points[k];
-            after[lane] = points[(k + 1).min(points.len() - 1)];
+            let k = index(whole, lane).min(points.len() - 2);
+            let both = points[k..k + 2].as_flattened();
+            rows[lane] = both.try_into().expect("two points of four numbers");
         }
+        let columns = T::columns(&rows);
         let mut mixed = [T::zero(); 4];
         for of in 0..4 {
-            let from = T::from_lanes(|lane| before[lane][of]);
-            let to = T::from_lanes(|lane| after[lane][of]);
+            let (from, to) = (columns[of], columns[4 + of]);
             mixed[of] = from + fraction * (to - from);
         }
         let [x, y, heading, curvature] = mixed;
@@ -127,7 +131,7 @@ impl<T: Scalar> Tracks<T> {
         let (whole, share) = self.before(self.steps(s));
         let limit = |lane: usize, ahead: usize| {
             let limits = &self.limits[lane];
-            limits[(whole.lane(lane) as usize + ahead).min(limits.len() - 1)]
+            limits[index(whole, lane).min(limits.len() - 2) + ahead]
         };
         let before = T::from_singles(|lane| limit(lane, 0));
         let after = T::from_singles(|lane| limit(lane, 1));
@@ -136,6 +140,13 @@ impl<T: Scalar> Tracks<T> {
         let braked = after + (T::one() - share) * gain;
         reached.min(braked).min(before.max(after)).sqrt()
     }
+}
+
+/// A whole number of a lane, below 2³². A cast would ask for NaN and for bounds, lane after lane.
+#[inline(always)]
+fn index<T: Scalar>(whole: T, lane: usize) -> usize {
+    const TWO_52: f64 = 4_503_599_627_370_496.0;
+    (whole.lane(lane) + TWO_52).to_bits() as u32 as usize
 }
 
 impl<T: Scalar> Lanewise for Tracks<T> {

@@ -27,6 +27,18 @@ register! {
 
 impl Narrow8 {
     #[inline(always)]
+    fn transposed(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
+        let mut after = *rows;
+        after.copy_within(4.., 0);
+        let (low, high) = (Avx4::transposed(rows), Avx4::transposed(&after));
+        let mut columns = [Self::from(0.0); 8];
+        for k in 0..8 {
+            columns[k] = Self::narrowed([low[k], high[k]]);
+        }
+        columns
+    }
+
+    #[inline(always)]
     fn flip(self, bits: Self) -> Self {
         Self(vector!(_mm256_xor_ps(self.0, bits.0)))
     }
@@ -115,6 +127,18 @@ register! {
 }
 
 impl Narrow16 {
+    #[inline(always)]
+    fn transposed(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
+        let mut after = *rows;
+        after.copy_within(8.., 0);
+        let (low, high) = (Avx8::transposed(rows), Avx8::transposed(&after));
+        let mut columns = [Self::from(0.0); 8];
+        for k in 0..8 {
+            columns[k] = Self::narrowed([low[k], high[k]]);
+        }
+        columns
+    }
+
     #[inline(always)]
     fn flip(self, bits: Self) -> Self {
         Self(vector!(_mm512_xor_ps(self.0, bits.0)))
