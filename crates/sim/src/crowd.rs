@@ -40,6 +40,8 @@ pub struct Crowd {
     /// Each robot by itself, named.
     scenario: Scenario,
     flocks: Vec<Box<dyn Flock>>,
+    /// Column at which each robot begins, by its place.
+    columns: Vec<usize>,
     pool: rayon::ThreadPool,
     /// Ticks between two rows.
     period: u64,
@@ -94,6 +96,8 @@ struct Member {
     /// What is drawn of it beside the robot.
     path: Option<Path>,
     assignment: Option<Assignment>,
+    /// Length of that, m.
+    way: f64,
     /// Whether all its signals are recorded.
     is_whole: bool,
 }
@@ -151,6 +155,7 @@ impl Crowd {
             for member in built {
                 let mut member = member?;
                 member.place = alone.robot.len();
+                member.way = member.path.as_ref().map_or(0.0, |path| path.length);
                 paths.push(member.path.take());
                 assignments.push(member.assignment.take());
                 integrators.extend(member.integrators.clone());
@@ -160,6 +165,9 @@ impl Crowd {
                 });
                 members.push_back(member);
             }
+            // Those that take equally long share lanes, which would wait for the last of them.
+            let by_way = |a: &Member, b: &Member| a.way.total_cmp(&b.way);
+            members.make_contiguous().sort_by(by_way);
             while !members.is_empty() {
                 let maker = Gather {
                     members: &mut members,
@@ -167,6 +175,16 @@ impl Crowd {
                 };
                 flocks.push(dispatch(crew.lanes, maker));
             }
+        }
+        // Recorded in the order of the scenario, however they move.
+        let mut own: Vec<(usize, Vec<Signal>)> =
+            flocks.iter().flat_map(|flock| flock.signals()).collect();
+        own.sort_by_key(|(place, _)| *place);
+        let mut columns = Vec::new();
+        let mut signals = Vec::new();
+        for (_, own) in own {
+            columns.push(signals.len());
+            signals.extend(own);
         }
         let step = scenario.time.step;
         let header = Header {
@@ -177,7 +195,7 @@ impl Crowd {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             step,
             period: scenario.record.period,
-            signals: flocks.iter().flat_map(|flock| flock.signals()).collect(),
+            signals,
             extra: drawing(
                 &alone,
                 &paths,
@@ -190,6 +208,7 @@ impl Crowd {
             header,
             scenario: alone,
             flocks,
+            columns,
             pool,
             period: (scenario.record.period / step).round().max(1.0) as u64,
         })
@@ -242,9 +261,8 @@ impl Crowd {
                 while let Some(event) = events.next_if(|event| event.t <= t) {
                     recorder.event(&event)?;
                 }
-                let mut at = 0;
                 for flock in flocks.iter() {
-                    at += flock.row(k, &mut row[at..]);
+                    flock.row(k, &self.columns, &mut row);
                 }
                 recorder.frame(t, &row)?;
             }
@@ -253,9 +271,8 @@ impl Crowd {
             }
             if !is_busy {
                 if !end.is_multiple_of(period) {
-                    let mut at = 0;
                     for flock in flocks.iter() {
-                        at += flock.row(usize::MAX, &mut row[at..]);
+                        flock.row(usize::MAX, &self.columns, &mut row);
                     }
                     recorder.frame(end as f64 * step, &row)?;
                 }
@@ -307,6 +324,7 @@ fn build(
         parts: assembly.parts,
         path: path.map(|path| Path::clone(&path)),
         assignment: assembly.assignments.into_iter().next().flatten(),
+        way: 0.0,
         is_whole: robot.count == 1,
     })
 }
@@ -349,8 +367,8 @@ fn individual(
 
 /// Some robots of one kind that move side by side.
 trait Flock: Send {
-    /// What is recorded of them, robot after robot.
-    fn signals(&self) -> Vec<Signal>;
+    /// What is recorded of each, by its place.
+    fn signals(&self) -> Vec<(usize, Vec<Signal>)>;
     /// Goes on from one tick to another, and keeps the rows between.
     fn advance(&mut self, begin: u64, until: u64);
     /// Whether any robot goes on.
@@ -359,8 +377,9 @@ trait Flock: Send {
     fn end(&self) -> u64;
     /// Events since they were taken last, with the place of their robot.
     fn take_events(&mut self) -> Vec<(usize, Event)>;
-    /// Writes a row of those kept, or the last one there is; its length.
-    fn row(&self, k: usize, row: &mut [f64]) -> usize;
+    /// Writes a row of those kept, or the last one there is, into that of all robots, of which each
+    /// begins at a column.
+    fn row(&self, k: usize, columns: &[usize], row: &mut [f64]);
     /// What became of each, by its place, and what broke it off.
     fn summaries(&mut self) -> Vec<(usize, RobotSummary, Option<String>)>;
 }
@@ -494,18 +513,18 @@ impl<T: Scalar<Single = f64>> Lanes<T> {
 }
 
 impl<T: Scalar> Flock for Lanes<T> {
-    fn signals(&self) -> Vec<Signal> {
-        let mut signals = Vec::new();
-        for member in &self.members {
+    fn signals(&self) -> Vec<(usize, Vec<Signal>)> {
+        let of = |member: &Known| {
             let own = format!("robot.{}.", member.loaded.scenario.robot[0].name);
-            for &column in &self.notes.columns {
+            let signals = self.notes.columns.iter().map(|&column| {
                 let signal = &self.world.signals()[column];
                 let short = signal.path.strip_prefix(&own).unwrap_or(&signal.path);
                 let path = format!("robot.{}.{short}", member.name);
-                signals.push(Signal::new(path, &signal.unit));
-            }
-        }
-        signals
+                Signal::new(path, &signal.unit)
+            });
+            (member.place, signals.collect())
+        };
+        self.members.iter().map(of).collect()
     }
 
     fn advance(&mut self, begin: u64, until: u64) {
@@ -539,11 +558,14 @@ impl<T: Scalar> Flock for Lanes<T> {
         self.notes.events.drain(..).map(named).collect()
     }
 
-    fn row(&self, k: usize, row: &mut [f64]) -> usize {
-        let width = self.notes.last.len();
-        let kept = self.notes.rows.chunks_exact(width).nth(k);
-        row[..width].copy_from_slice(kept.unwrap_or(&self.notes.last));
-        width
+    fn row(&self, k: usize, columns: &[usize], row: &mut [f64]) {
+        let Notes { last, rows, .. } = &self.notes;
+        let kept = rows.chunks_exact(last.len()).nth(k).unwrap_or(last);
+        let width = self.notes.columns.len();
+        for (member, own) in self.members.iter().zip(kept.chunks_exact(width)) {
+            let at = columns[member.place];
+            row[at..at + width].copy_from_slice(own);
+        }
     }
 
     fn summaries(&mut self) -> Vec<(usize, RobotSummary, Option<String>)> {
