@@ -96,7 +96,7 @@ struct Member {
     /// What is drawn of it beside the robot.
     path: Option<Path>,
     assignment: Option<Assignment>,
-    /// Length of that, m.
+    /// Length of its path, m; zero without one.
     way: f64,
     /// Whether all its signals are recorded.
     is_whole: bool,
