@@ -119,12 +119,22 @@ impl Checker {
     }
 }
 
-/// A number as people write it, with an exponent where the digits would be many.
-fn number(value: f64) -> String {
-    if value == 0.0 || (1e-5..1e16).contains(&value.abs()) {
-        value.to_string()
-    } else {
-        format!("{value:?}")
+/// A number as people write it, with an exponent where the digits would be many; put into words only where
+/// something is told, for most numbers are as they should be.
+fn number(value: f64) -> Number {
+    Number(value)
+}
+
+struct Number(f64);
+
+impl std::fmt::Display for Number {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Number(value) = *self;
+        if value == 0.0 || (1e-5..1e16).contains(&value.abs()) {
+            write!(f, "{value}")
+        } else {
+            write!(f, "{value:?}")
+        }
     }
 }
 
