@@ -12,6 +12,8 @@ const BREATH: Duration = Duration::from_millis(8);
 pub const FRAME: Duration = Duration::from_millis(16);
 /// How often what steps of plug-ins take is told while time runs.
 const COSTS: Duration = Duration::from_millis(500);
+/// How often files are looked for that can be chosen.
+const FILES: Duration = Duration::from_millis(500);
 /// Steps driven at once while time runs.
 const TICKS: u64 = 20;
 
@@ -33,6 +35,9 @@ pub struct Player {
     published: Instant,
     /// When more than rows were told last.
     told: Instant,
+    /// Files that could be chosen at the last look, and when that was.
+    files: Value,
+    looked: Instant,
     is_new: bool,
     is_changed: bool,
 }
@@ -41,6 +46,8 @@ impl Player {
     /// Plays a studio, of which all is new.
     pub fn new(studio: Studio) -> Player {
         Player {
+            files: studio.files(),
+            looked: Instant::now(),
             studio,
             agreed: None,
             published: Instant::now(),
@@ -65,7 +72,7 @@ impl Player {
         match (self.studio.is_playing, self.is_new || self.is_changed) {
             (true, _) => Duration::from_millis(1),
             (false, true) => FRAME,
-            (false, false) => Duration::from_secs(3600),
+            (false, false) => FILES.saturating_sub(self.looked.elapsed()),
         }
     }
 
@@ -79,6 +86,12 @@ impl Player {
             self.is_changed |= self.told.elapsed() >= COSTS && self.studio.has_costs();
         } else {
             self.agreed = None;
+        }
+        if self.looked.elapsed() >= FILES {
+            self.looked = Instant::now();
+            let files = self.studio.files();
+            self.is_changed |= files != self.files;
+            self.files = files;
         }
         if self.published.elapsed() < FRAME {
             return None;

@@ -497,6 +497,11 @@ impl Studio {
         self.batch.as_ref().map(|opened| opened.text.clone())
     }
 
+    /// Files that can be chosen or loaded, as JSON.
+    pub fn files(&self) -> Value {
+        json!([self.scenarios(), self.plugin_files(), self.choices()])
+    }
+
     /// What pages show besides pictures, as JSON.
     pub fn state(&self) -> Value {
         let active = self.active();

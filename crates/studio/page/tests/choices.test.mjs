@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
-import { copyFileSync, readFileSync } from 'node:fs';
+import { copyFileSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 
@@ -15,16 +15,31 @@ const tab = name => page.getByRole('tab', { name, exact: true });
 before(async () => {
   studio = await open('slalom.toml');
   ({ page } = studio);
-  copyFileSync(join(root, 'examples/plugins/slalom.py'), join(studio.folder, 'scenarios/slalom.py'));
   const ran = spawnSync(bin('appell'), ['run', join(studio.folder, 'scenarios/slalom.toml'), '--level', 'kinematic', '--no-report', '--out', join(studio.folder, 'runs/level')], { encoding: 'utf8' });
   assert.equal(ran.status, 0, ran.stderr);
-  // Whatever is asked for, the folders are looked at anew.
-  await studio.command({ do: 'pause' });
   complaints = complaintsOf(page);
   await page.goto(studio.address);
   await page.getByRole('button', { name: 'Play', exact: true }).waitFor();
 });
 after(() => studio?.close());
+
+test('files that appear, change and go are listed so, while nothing is done', async () => {
+  const scenarios = join(studio.folder, 'scenarios');
+  const named = name => page.locator('[data-panel=plugins] li', { hasText: name });
+  await tab('Plug-ins').click();
+  copyFileSync(join(root, 'examples/plugins/slalom.py'), join(scenarios, 'slalom.py'));
+  await named('slalom.py').waitFor();
+  const before = await named('slalom.py').locator('code').textContent();
+  writeFileSync(join(scenarios, 'slalom.py'), readFileSync(join(scenarios, 'slalom.py'), 'utf8') + '\n');
+  await page.waitForFunction(before => document.querySelector('[data-panel=plugins] li:has(.acts) code')?.textContent !== before, before);
+  copyFileSync(join(scenarios, 'slalom.toml'), join(scenarios, 'zigzag.toml'));
+  copyFileSync(join(studio.folder, 'robots/bubble-base.toml'), join(studio.folder, 'robots/another.toml'));
+  await page.locator('header option', { hasText: 'zigzag.toml' }).waitFor({ state: 'attached' });
+  await page.getByLabel('platform', { exact: true }).locator('option', { hasText: 'another' }).waitFor({ state: 'attached' });
+  rmSync(join(scenarios, 'zigzag.toml'));
+  await page.locator('header option', { hasText: 'zigzag.toml' }).waitFor({ state: 'detached' });
+  assert.equal((await studio.state()).lines[0].end, 0);
+});
 
 test('a recording is laid beside the line', async () => {
   await page.getByLabel('Lay a recording beside').selectOption('level');

@@ -87,16 +87,20 @@ impl Studio {
                 }));
             }
         }
+        json!({"named": named, "files": self.plugin_files()})
+    }
+
+    /// Files beside the scenario that could be plug-ins.
+    pub(super) fn plugin_files(&self) -> Vec<Value> {
         let mut files = super::files(self.folder(), |name| {
             let stem = name.rsplit_once('.')?.0;
             (host(name).is_some() && is_plain(stem)).then(|| name.to_owned())
         });
         files.truncate(FILES_MAX);
-        let files: Vec<Value> = files
+        files
             .iter()
             .map(|file| json!({"file": file, "host": host(file), "hash": self.hash(file)}))
-            .collect();
-        json!({"named": named, "files": files})
+            .collect()
     }
 
     /// Lets a file beside the scenario stand by as a controller.
