@@ -4,47 +4,43 @@
 //! seconds, so that what is too long for one machine is so on all; and whatever is not a number has one
 //! pattern of bits. The functions are those of `sdk/c/appell_plugin.h`, with addresses of 32 bits.
 
-use std::sync::{Mutex, OnceLock, PoisonError};
+#[cfg_attr(target_family = "wasm", path = "wasm/page.rs")]
+mod engine;
+mod mathematics;
+#[cfg(any(test, target_family = "wasm"))]
+mod metered;
 
 use serde_json::Value;
-use wasmtime::{
-    Caller, Config, Engine, Instance, Linker, Memory, Module, OptLevel, ResourceLimiter, Store,
-    Trap, TypedFunc,
-};
 
 use crate::Limits;
 use crate::contract::Fault;
 use crate::local::{ABI, Local, Members, one_by_one};
 use crate::wire::{BODY_MAX, Call};
+use engine::{Arguments, Function, Instance, Results};
 
 /// Largest module, bytes: what is larger takes too long to compile.
 const FILE_MAX: usize = 1 << 24;
-/// Most stack that it can use, bytes.
-const STACK_MAX: usize = 1 << 19;
 /// Longest text that it can give, bytes.
 const TEXT_MAX: usize = 1 << 20;
 /// Most entries of a table.
-const TABLE_MAX: usize = 1 << 16;
-/// Modules that are kept compiled.
-const KEPT: usize = 16;
+const TABLE_MAX: u32 = 1 << 16;
 
-type Step = TypedFunc<(i32, f64, f64, i32, i32), i32>;
-type StepMany = TypedFunc<(i32, i32, i32, f64, i32, i32), i32>;
+type Step = Function<(i32, f64, f64, i32, i32), i32>;
+type StepMany = Function<(i32, i32, i32, f64, i32, i32), i32>;
 
 /// A module and its members.
 pub(crate) struct Wasm {
-    store: Store<Room>,
-    memory: Memory,
-    describe: TypedFunc<(), i32>,
-    room: TypedFunc<i32, i32>,
-    create: TypedFunc<(i32, i32), i32>,
-    destroy: TypedFunc<i32, ()>,
+    instance: Instance,
+    describe: Function<(), i32>,
+    room: Function<i32, i32>,
+    create: Function<(i32, i32), i32>,
+    destroy: Function<i32, ()>,
     step: Step,
     step_many: Option<StepMany>,
-    reason: Option<TypedFunc<i32, i32>>,
-    save: Option<TypedFunc<(i32, i32, i32), i32>>,
-    restore: Option<TypedFunc<(i32, i32, i32), i32>>,
-    take_over: Option<TypedFunc<(i32, i32), i32>>,
+    reason: Option<Function<i32, i32>>,
+    save: Option<Function<(i32, i32, i32), i32>>,
+    restore: Option<Function<(i32, i32, i32), i32>>,
+    take_over: Option<Function<(i32, i32), i32>>,
     /// Instructions until it has described itself, or made a member.
     fuel_of_start: u64,
     /// Instructions of a step.
@@ -56,6 +52,43 @@ pub(crate) struct Wasm {
     is_dead: bool,
 }
 
+/// Why a call did not return.
+struct Trap {
+    told: String,
+    /// Whether it came to where it holds that nothing comes, as after a panic.
+    is_unreachable: bool,
+}
+
+const IMPOSSIBLE: &str = "trapped: it panicked, aborted or ran into what it holds impossible";
+
+fn out_of_fuel(fuel: u64) -> String {
+    format!("used up its fuel of {fuel} instructions")
+}
+
+fn out_of_memory(most: u64) -> String {
+    format!("asked for more memory than its {most} MiB")
+}
+
+fn out_of_table() -> String {
+    format!("asked for a table of more than {TABLE_MAX} entries")
+}
+
+/// What cannot be a module.
+fn unfit(problem: String) -> Fault {
+    Fault::new("start", problem).hint("it must be a module of WebAssembly (not a component), with the functions of sdk/c/appell_plugin.h")
+}
+
+fn uncompiled(why: &str) -> Fault {
+    unfit(format!("cannot be compiled: {why}"))
+}
+
+/// Refuses an import.
+fn stranger(from: &str, name: &str) -> Fault {
+    let problem = format!("must be mathematics, got {from}.{name}");
+    Fault::new("start.imports", problem)
+        .hint("modules reach nothing outside; compile it for wasm32-unknown-unknown, without WASI")
+}
+
 impl std::fmt::Debug for Wasm {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Wasm")
@@ -63,122 +96,6 @@ impl std::fmt::Debug for Wasm {
             .field("is_dead", &self.is_dead)
             .finish_non_exhaustive()
     }
-}
-
-/// How much a module may grow.
-struct Room {
-    memory: usize,
-}
-
-impl ResourceLimiter for Room {
-    fn memory_growing(
-        &mut self,
-        _current: usize,
-        desired: usize,
-        _maximum: Option<usize>,
-    ) -> wasmtime::Result<bool> {
-        if desired <= self.memory {
-            return Ok(true);
-        }
-        let most = self.memory >> 20;
-        Err(wasmtime::Error::msg(format!(
-            "asked for more memory than its {most} MiB"
-        )))
-    }
-
-    fn table_growing(
-        &mut self,
-        _current: usize,
-        desired: usize,
-        _maximum: Option<usize>,
-    ) -> wasmtime::Result<bool> {
-        if desired <= TABLE_MAX {
-            return Ok(true);
-        }
-        Err(wasmtime::Error::msg(format!(
-            "asked for a table of more than {TABLE_MAX} entries"
-        )))
-    }
-}
-
-/// The compiler, one for all.
-fn engine() -> &'static Engine {
-    static ENGINE: OnceLock<Engine> = OnceLock::new();
-    ENGINE.get_or_init(|| {
-        let mut config = Config::new();
-        config
-            .cranelift_opt_level(OptLevel::Speed)
-            // The same bits everywhere.
-            .cranelift_nan_canonicalization(true)
-            .relaxed_simd_deterministic(true)
-            .consume_fuel(true)
-            .max_wasm_stack(STACK_MAX)
-            .wasm_memory64(false)
-            .wasm_multi_memory(false);
-        Engine::new(&config).expect("these settings go together")
-    })
-}
-
-/// Compiles a module, or finds it compiled.
-fn compiled(bytes: &[u8]) -> Result<Module, Fault> {
-    static KNOWN: Mutex<Vec<(String, Module)>> = Mutex::new(Vec::new());
-    let refuse = |problem: String| {
-        Fault::new("start", problem).hint("it must be a module of WebAssembly (not a component), with the functions of sdk/c/appell_plugin.h")
-    };
-    if bytes.len() > FILE_MAX {
-        let problem = format!("must be a module of at most {FILE_MAX} bytes");
-        return Err(refuse(problem));
-    }
-    // Texts would need another compiler; and a module is what begins so.
-    if !bytes.starts_with(b"\0asm") {
-        return Err(refuse("must begin as a module does, with \\0asm".into()));
-    }
-    let hash = crate::digest(bytes);
-    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, module)) = known.iter().find(|(of, _)| *of == hash) {
-        return Ok(module.clone());
-    }
-    let module = Module::new(engine(), bytes)
-        .map_err(|error| refuse(format!("cannot be compiled: {error:#}")))?;
-    if known.len() >= KEPT {
-        known.remove(0);
-    }
-    known.push((hash, module.clone()));
-    Ok(module)
-}
-
-/// Mathematics that modules may import, with the same bits on every machine.
-fn mathematics(linker: &mut Linker<Room>) -> wasmtime::Result<()> {
-    type One = fn(f64) -> f64;
-    type Two = fn(f64, f64) -> f64;
-    let of_one: [(&str, One); 8] = [
-        ("sin", libm::sin),
-        ("cos", libm::cos),
-        ("tan", libm::tan),
-        ("asin", libm::asin),
-        ("acos", libm::acos),
-        ("atan", libm::atan),
-        ("exp", libm::exp),
-        ("log", libm::log),
-    ];
-    let of_two: [(&str, Two); 5] = [
-        ("atan2", libm::atan2),
-        ("pow", libm::pow),
-        ("hypot", libm::hypot),
-        ("fmod", libm::fmod),
-        ("remainder", libm::remainder),
-    ];
-    for (name, function) in of_one {
-        linker.func_wrap("env", name, move |_: Caller<'_, Room>, x: f64| {
-            same(function(x))
-        })?;
-    }
-    for (name, function) in of_two {
-        linker.func_wrap("env", name, move |_: Caller<'_, Room>, x: f64, y: f64| {
-            same(function(x, y))
-        })?;
-    }
-    Ok(())
 }
 
 /// Writes numbers into the first bytes.
@@ -204,59 +121,46 @@ fn void(bytes: &mut [u8]) {
     bytes.as_chunks_mut().0.fill(f64::NAN.to_le_bytes());
 }
 
-/// One pattern of bits for all that is not a number.
-fn same(x: f64) -> f64 {
-    if x.is_nan() { f64::NAN } else { x }
-}
-
 impl Wasm {
     /// Compiles a module and makes an instance of it.
     pub(crate) fn open(bytes: &[u8], limits: &Limits) -> Result<Wasm, Fault> {
-        let module = compiled(bytes)?;
+        if bytes.len() > FILE_MAX {
+            let problem = format!("must be a module of at most {FILE_MAX} bytes");
+            return Err(unfit(problem));
+        }
+        // Texts would need another compiler; and a module is what begins so.
+        if !bytes.starts_with(b"\0asm") {
+            return Err(unfit("must begin as a module does, with \\0asm".into()));
+        }
+        let mut instance = Instance::open(bytes, limits)?;
         let fuel = limits.fuel_of_start;
-        let failed = |error: wasmtime::Error| Fault::new("start", why(&error, fuel));
-        let memory = usize::try_from(limits.memory.saturating_mul(1 << 20)).unwrap_or(usize::MAX);
-        let mut store = Store::new(engine(), Room { memory });
-        store.limiter(|room| room);
-        store.set_fuel(fuel).map_err(failed)?;
-        let mut linker = Linker::new(engine());
-        mathematics(&mut linker).map_err(failed)?;
-        for import in module.imports() {
-            let (from, name) = (import.module(), import.name());
-            let known = linker.get_by_import(&mut store, &import).is_some();
-            if !known {
-                let problem = format!("must be mathematics, got {from}.{name}");
-                return Err(Fault::new("start.imports", problem)
-                    .hint("modules reach nothing outside; compile it for wasm32-unknown-unknown, without WASI"));
-            }
+        let failed = |trap: Trap| Fault::new("start", trap.told);
+        if let Ok(Some(start)) = instance.function::<(), ()>("_initialize") {
+            instance.call(fuel, &start, ()).map_err(failed)?;
         }
-        let instance = linker.instantiate(&mut store, &module).map_err(failed)?;
-        if let Ok(start) = instance.get_typed_func::<(), ()>(&mut store, "_initialize") {
-            start.call(&mut store, ()).map_err(failed)?;
+        if instance.size().is_none() {
+            let problem = "must export its memory under the name memory";
+            return Err(Fault::new("start", problem));
         }
-        let memory = instance
-            .get_memory(&mut store, "memory")
-            .ok_or_else(|| Fault::new("start", "must export its memory under the name memory"))?;
-        let abi: TypedFunc<(), i32> = export(&instance, &mut store, "appell_abi")?;
-        let version = abi.call(&mut store, ()).map_err(failed)?;
+        let abi: Function<(), i32> = export(&mut instance, "appell_abi")?;
+        let version = instance.call(fuel, &abi, ()).map_err(failed)?;
         if version != ABI as i32 {
             let problem = format!("must be {ABI}, the version of the interface, got {version}");
             return Err(Fault::new("describe.abi", problem)
                 .hint("compile it with the SDK of this version of Appell"));
         }
         Ok(Wasm {
-            memory,
-            describe: export(&instance, &mut store, "appell_describe")?,
-            room: export(&instance, &mut store, "appell_room")?,
-            create: export(&instance, &mut store, "appell_create")?,
-            destroy: export(&instance, &mut store, "appell_destroy")?,
-            step: export(&instance, &mut store, "appell_step")?,
-            step_many: option(&instance, &mut store, "appell_step_many")?,
-            reason: option(&instance, &mut store, "appell_reason")?,
-            save: option(&instance, &mut store, "appell_save")?,
-            restore: option(&instance, &mut store, "appell_restore")?,
-            take_over: option(&instance, &mut store, "appell_take_over")?,
-            store,
+            describe: export(&mut instance, "appell_describe")?,
+            room: export(&mut instance, "appell_room")?,
+            create: export(&mut instance, "appell_create")?,
+            destroy: export(&mut instance, "appell_destroy")?,
+            step: export(&mut instance, "appell_step")?,
+            step_many: option(&mut instance, "appell_step_many")?,
+            reason: option(&mut instance, "appell_reason")?,
+            save: option(&mut instance, "appell_save")?,
+            restore: option(&mut instance, "appell_restore")?,
+            take_over: option(&mut instance, "appell_take_over")?,
+            instance,
             fuel_of_start: limits.fuel_of_start,
             fuel: limits.fuel,
             place: (0, 0),
@@ -267,34 +171,30 @@ impl Wasm {
 
     /// Calls one of its functions with so much fuel.
     #[inline]
-    fn call<A: wasmtime::WasmParams, R: wasmtime::WasmResults>(
+    fn call<A: Arguments, R: Results>(
         &mut self,
         fuel: u64,
-        function: &TypedFunc<A, R>,
+        function: &Function<A, R>,
         arguments: A,
     ) -> Result<R, String> {
         if self.is_dead {
             return Err("it trapped before".into());
         }
-        let called = self
-            .store
-            .set_fuel(fuel)
-            .and_then(|()| function.call(&mut self.store, arguments));
-        called.map_err(|error| self.die(&error, fuel))
+        let called = self.instance.call(fuel, function, arguments);
+        called.map_err(|trap| self.die(trap))
     }
 
     #[cold]
-    fn die(&mut self, error: &wasmtime::Error, fuel: u64) -> String {
-        let told = why(error, fuel);
+    fn die(&mut self, trap: Trap) -> String {
         // A panic in Rust leaves its text behind.
-        let panic = match error.downcast_ref() {
-            Some(Trap::UnreachableCodeReached) => self.reason(0),
-            _ => None,
+        let panic = match trap.is_unreachable {
+            true => self.reason(0),
+            false => None,
         };
         self.is_dead = true;
         panic
             .filter(|text| text.starts_with("panicked"))
-            .unwrap_or(told)
+            .unwrap_or(trap.told)
     }
 
     /// The address of a place of at least so many bytes in its memory.
@@ -312,7 +212,7 @@ impl Wasm {
         let room = self.room.clone();
         let at = self.call(self.fuel_of_start, &room, wanted)? as u32 as usize;
         let end = at.checked_add(size);
-        let is_inside = end.is_some_and(|end| end <= self.memory.data_size(&self.store));
+        let is_inside = end.is_some_and(|end| Some(end) <= self.instance.size());
         if at == 0 || !at.is_multiple_of(8) || !is_inside {
             return Err(format!(
                 "appell_room must give an address of {size} bytes in its memory that 8 divides, got {at}"
@@ -324,16 +224,18 @@ impl Wasm {
 
     /// Writes numbers at an address within its place.
     fn put(&mut self, at: usize, numbers: &[f64]) {
-        write(numbers, &mut self.memory.data_mut(&mut self.store)[at..]);
+        self.instance
+            .fill(at, 8 * numbers.len(), |room| write(numbers, room));
     }
 
     /// Reads numbers at an address within its place.
     #[inline]
     fn get(&self, at: usize, numbers: &mut [f64]) {
-        let bytes = &self.memory.data(&self.store)[at..at + 8 * numbers.len()];
-        for (bytes, number) in bytes.as_chunks().0.iter().zip(numbers) {
-            *number = f64::from_le_bytes(*bytes);
-        }
+        self.instance.look(at, 8 * numbers.len(), |bytes| {
+            for (bytes, number) in bytes.as_chunks().0.iter().zip(numbers) {
+                *number = f64::from_le_bytes(*bytes);
+            }
+        });
     }
 
     /// A text at an address; none at 0.
@@ -341,22 +243,21 @@ impl Wasm {
         if at == 0 {
             return Ok(None);
         }
-        let data = self.memory.data(&self.store);
-        let rest = data.get(at as u32 as usize..).unwrap_or_default();
-        let rest = &rest[..rest.len().min(TEXT_MAX)];
-        match rest.iter().position(|&byte| byte == 0) {
-            Some(end) => Ok(Some(String::from_utf8_lossy(&rest[..end]).into_owned())),
-            None => Err(format!(
-                "a text must end with zero within {TEXT_MAX} bytes of its memory"
-            )),
-        }
+        let at = at as u32 as usize;
+        let size = self.instance.size().unwrap_or_default();
+        let rest = size.saturating_sub(at).min(TEXT_MAX);
+        let text = self.instance.look(at.min(size), rest, |bytes| {
+            let end = bytes.iter().position(|&byte| byte == 0)?;
+            Some(String::from_utf8_lossy(&bytes[..end]).into_owned())
+        });
+        let endless = || format!("a text must end with zero within {TEXT_MAX} bytes of its memory");
+        text.map(Some).ok_or_else(endless)
     }
 
     /// Why the last call failed, in its own words.
     fn reason(&mut self, member: i32) -> Option<String> {
-        let reason = self.reason.clone()?;
-        self.store.set_fuel(self.fuel).ok()?;
-        let Ok(at) = reason.call(&mut self.store, member) else {
+        let reason = self.reason.as_ref()?;
+        let Ok(at) = self.instance.call(self.fuel, reason, member) else {
             self.is_dead = true;
             return None;
         };
@@ -380,27 +281,31 @@ impl Wasm {
         let inputs = times + 8 * count;
         let outputs = inputs + 8 * count * read;
         let members = outputs + 8 * count * width;
-        let room = &mut self.memory.data_mut(&mut self.store)[times..times + size];
-        let (t, rest) = room.split_at_mut(8 * count);
-        let (mut read_by, rest) = rest.split_at_mut(8 * count * read);
-        let (written, addresses) = rest.split_at_mut(8 * count * width);
-        void(written);
-        let t = t.as_chunks_mut().0.iter_mut();
-        let addresses = addresses.as_chunks_mut().0.iter_mut();
-        let (dt, mut place) = (calls[0].dt, 0);
-        for (k, ((call, t), address)) in calls.iter().zip(t).zip(addresses).enumerate() {
-            if call.dt != dt {
-                return Ok(false);
-            }
-            let made;
-            let next = self.members.next(call.member, place);
-            (place, made) = next.map_err(|problem| (k, problem))?;
-            *address = made.to_le_bytes();
-            *t = call.t.to_le_bytes();
-            let own;
-            (own, read_by) = read_by.split_at_mut(8 * read);
-            write(call.input, own);
+        let dt = calls[0].dt;
+        if calls.iter().any(|call| call.dt != dt) {
+            return Ok(false);
         }
+        let made = &self.members;
+        self.instance.fill(times, size, |room| {
+            let (t, rest) = room.split_at_mut(8 * count);
+            let (mut read_by, rest) = rest.split_at_mut(8 * count * read);
+            let (written, addresses) = rest.split_at_mut(8 * count * width);
+            void(written);
+            let t = t.as_chunks_mut().0.iter_mut();
+            let addresses = addresses.as_chunks_mut().0.iter_mut();
+            let mut place = 0;
+            for (k, ((call, t), address)) in calls.iter().zip(t).zip(addresses).enumerate() {
+                let member;
+                let next = made.next(call.member, place);
+                (place, member) = next.map_err(|problem| (k, problem))?;
+                *address = member.to_le_bytes();
+                *t = call.t.to_le_bytes();
+                let own;
+                (own, read_by) = read_by.split_at_mut(8 * read);
+                write(call.input, own);
+            }
+            Ok(())
+        })?;
         let fuel = self.fuel.saturating_mul(count as u64);
         let arguments = (
             count as i32,
@@ -434,47 +339,26 @@ impl Wasm {
     }
 }
 
-/// Why a call failed; the same on every machine.
-fn why(error: &wasmtime::Error, fuel: u64) -> String {
-    match error.downcast_ref::<Trap>() {
-        Some(Trap::OutOfFuel) => format!("used up its fuel of {fuel} instructions"),
-        Some(Trap::StackOverflow) => format!("used up its stack of {STACK_MAX} bytes"),
-        Some(Trap::UnreachableCodeReached) => {
-            "trapped: it panicked, aborted or ran into what it holds impossible".into()
-        }
-        Some(trap) => format!("trapped: {trap}").replace("wasm trap: ", ""),
-        None => error.root_cause().to_string(),
-    }
-}
-
 /// A function that must be there.
-fn export<A: wasmtime::WasmParams, R: wasmtime::WasmResults>(
-    instance: &Instance,
-    store: &mut Store<Room>,
+fn export<A: Arguments, R: Results>(
+    instance: &mut Instance,
     name: &str,
-) -> Result<TypedFunc<A, R>, Fault> {
-    option(instance, store, name)?.ok_or_else(|| {
+) -> Result<Function<A, R>, Fault> {
+    option(instance, name)?.ok_or_else(|| {
         Fault::new("start", format!("must export the function {name}"))
             .hint("see sdk/c/appell_plugin.h")
     })
 }
 
 /// A function that may be left out, but has one type.
-fn option<A: wasmtime::WasmParams, R: wasmtime::WasmResults>(
-    instance: &Instance,
-    store: &mut Store<Room>,
+fn option<A: Arguments, R: Results>(
+    instance: &mut Instance,
     name: &str,
-) -> Result<Option<TypedFunc<A, R>>, Fault> {
-    let Some(function) = instance.get_func(&mut *store, name) else {
-        return Ok(None);
-    };
-    match function.typed(&*store) {
-        Ok(typed) => Ok(Some(typed)),
-        Err(error) => {
-            let problem = format!("must have the type of the interface: {error:#}");
-            Err(Fault::new(format!("start.{name}"), problem))
-        }
-    }
+) -> Result<Option<Function<A, R>>, Fault> {
+    instance.function(name).map_err(|error| {
+        let problem = format!("must have the type of the interface: {error}");
+        Fault::new(format!("start.{name}"), problem)
+    })
 }
 
 impl Local for Wasm {
@@ -500,10 +384,13 @@ impl Local for Wasm {
         let text = context.to_string();
         let words = 8 * values.len();
         let at = self.place(words + text.len() + 1).map_err(refuse)?;
-        self.put(at, &values);
-        let memory = &mut self.memory.data_mut(&mut self.store)[at + words..];
-        memory[..text.len()].copy_from_slice(text.as_bytes());
-        memory[text.len()] = 0;
+        self.instance.fill(at, words + text.len() + 1, |room| {
+            let (numbers, rest) = room.split_at_mut(words);
+            write(&values, numbers);
+            let (own, end) = rest.split_at_mut(text.len());
+            own.copy_from_slice(text.as_bytes());
+            end[0] = 0;
+        });
         let create = self.create.clone();
         let arguments = (at as i32, (at + words) as i32);
         let made = self
@@ -527,28 +414,26 @@ impl Local for Wasm {
 
     fn step(&mut self, call: &Call<'_>, results: &mut [f64]) -> Result<(), String> {
         let member = self.members.find(call.member)?;
-        let inputs = self.place(8 * (call.input.len() + results.len()))?;
+        let size = 8 * (call.input.len() + results.len());
+        let inputs = self.place(size)?;
         let outputs = inputs + 8 * call.input.len();
-        let room = &mut self.memory.data_mut(&mut self.store)[inputs..];
-        let (read, written) = room.split_at_mut(outputs - inputs);
-        write(call.input, read);
-        void(&mut written[..8 * results.len()]);
+        self.instance.fill(inputs, size, |room| {
+            let (read, written) = room.split_at_mut(outputs - inputs);
+            write(call.input, read);
+            void(written);
+        });
         // A clone of the function would count references in every step.
         if self.is_dead {
             return Err("it trapped before".into());
         }
         let arguments = (member, call.t, call.dt, inputs as i32, outputs as i32);
-        let called = self
-            .store
-            .set_fuel(self.fuel)
-            .and_then(|()| self.step.call(&mut self.store, arguments));
-        match called {
+        match self.instance.call(self.fuel, &self.step, arguments) {
             Ok(0) => {
                 self.get(outputs, results);
                 Ok(())
             }
             Ok(code) => self.told(member, code),
-            Err(error) => Err(self.die(&error, self.fuel)),
+            Err(trap) => Err(self.die(trap)),
         }
     }
 
@@ -585,7 +470,7 @@ impl Local for Wasm {
         if self.call(self.fuel, &save, (made, at as i32, length))? != length {
             return Err("remembers more than it said".into());
         }
-        Ok(self.memory.data(&self.store)[at..at + size].to_vec())
+        Ok(self.instance.look(at, size, <[u8]>::to_vec))
     }
 
     fn restore(&mut self, member: u32, bytes: &[u8]) -> Result<(), String> {
@@ -597,7 +482,8 @@ impl Local for Wasm {
             };
         };
         let at = self.place(bytes.len().max(8))?;
-        self.memory.data_mut(&mut self.store)[at..at + bytes.len()].copy_from_slice(bytes);
+        self.instance
+            .fill(at, bytes.len(), |room| room.copy_from_slice(bytes));
         let code = self.call(self.fuel, &restore, (made, at as i32, bytes.len() as i32))?;
         self.told(made, code)
     }

@@ -14,6 +14,10 @@ pub const TARGET: &str = "wasm32-wasip1";
 const FOLDERS: [&str; 2] = ["scenarios", "robots"];
 const EXTENSIONS: [&str; 2] = ["toml", "csv"];
 
+/// A plug-in that the page has beside the scenarios, and what it is compiled for.
+const MODULE: &str = "pursuit";
+const MODULE_TARGET: &str = "wasm32-unknown-unknown";
+
 /// Where the demo is put, unless it is said.
 pub fn default_folder(root: &Path) -> PathBuf {
     root.join("target/studio-demo")
@@ -25,11 +29,19 @@ pub fn default_folder(root: &Path) -> PathBuf {
 /// Something that it takes is missing, or does not compile.
 pub fn build(root: &Path, out: &Path) -> Result<(), String> {
     let node = page(root)?;
-    if !crate::checks::has_target(root, TARGET) {
-        run(root, "rustup", &["target", "add", TARGET])?;
+    for target in [TARGET, MODULE_TARGET] {
+        if !crate::checks::has_target(root, target) {
+            run(root, "rustup", &["target", "add", target])?;
+        }
     }
     let compile = format!("build --package appell-demo --profile demo --target {TARGET}");
     run(root, "cargo", &compile.split(' ').collect::<Vec<_>>())?;
+    let example = root.join("examples/plugins").join(MODULE);
+    run(
+        &example,
+        "cargo",
+        &["build", "--release", "--target", MODULE_TARGET],
+    )?;
     let out = std::path::absolute(out).map_err(|error| error.to_string())?;
     let to = out.to_string_lossy();
     let pack = [
@@ -42,18 +54,22 @@ pub fn build(root: &Path, out: &Path) -> Result<(), String> {
         "--emptyOutDir",
     ];
     run(&node, "npx", &pack)?;
+    let failed = |file: &Path, error: std::io::Error| format!("{}: {error}", file.display());
     let put = |name: &str, bytes: &[u8]| {
-        std::fs::write(out.join(name), bytes).map_err(|error| format!("{name}: {error}"))
+        let file = out.join(name);
+        std::fs::write(&file, bytes).map_err(|error| failed(&file, error))
     };
-    let module = root.join(format!("target/{TARGET}/demo/appell_demo.wasm"));
-    let module =
-        std::fs::read(&module).map_err(|error| format!("{}: {error}", module.display()))?;
+    let read = |file: &Path| std::fs::read(file).map_err(|error| failed(file, error));
+    let module = read(&root.join(format!("target/{TARGET}/demo/appell_demo.wasm")))?;
     put("appell.wasm", &module)?;
+    let plugin = format!("scenarios/{MODULE}.wasm");
+    let folder = out.join("scenarios");
+    std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
+    let built = format!("target/{MODULE_TARGET}/release/{MODULE}.wasm");
+    put(&plugin, &read(&example.join(built))?)?;
     let files = project(root)?;
-    put(
-        "project.json",
-        &serde_json::to_vec(&files).expect("texts are JSON"),
-    )?;
+    let project = serde_json::json!({"texts": files, "modules": [plugin]});
+    put("project.json", project.to_string().as_bytes())?;
     println!(
         "\nThe demo is in {}: {} scenarios and robots, a module of {:.1} MB.\n\
          Any web server can give it, such as: python3 -m http.server --directory {0}",

@@ -240,7 +240,7 @@ export function App() {
           {!state.scenarios.includes(state.file.replace(/\.toml$/, '')) && <option value={state.file.replace(/\.toml$/, '')}>{state.file}</option>}
           {state.scenarios.map(name => <option value={name}>{name}.toml</option>)}
         </select>{state.saved ? <em>{tr('saved as')} {state.saved}.toml</em> : state.changed && <em>{tr('changed')}</em>}</label>
-      {DEMO && <span class="demo" title={tr('The whole studio runs in this page; nothing is sent anywhere. Batches, plug-ins and panels of a folder need the program.')}>{tr('demo')}</span>}
+      {DEMO && <span class="demo" title={tr('The whole studio runs in this page; nothing is sent anywhere. Batches, plug-ins other than WebAssembly and panels of a folder need the program.')}>{tr('demo')}</span>}
       <span class="verdict" role="status" data-verdict={about.verdict ?? ''}>{verdictOf(about)}</span>
       <span class="grow" />
       <button onClick={() => void run({ do: 'undo' })} disabled={!state.undo} title={state.undo ? `${tr('Undo')}: ${state.undo}` : tr('Nothing to undo')}>{tr('Undo')} <kbd>Ctrl Z</kbd></button>
@@ -265,7 +265,7 @@ export function App() {
     <aside class="right" id="plots" tabIndex={-1} aria-label={tr('Panels')}><Column areas={['right', 'below']} {...dock} /></aside>
     <Transport state={state} line={line} about={about} lines={driven} times={id => link.lines.get(id)?.end ?? 0} t={t} cursor={cursorShown} replaying={replaying.current} play={play} seek={seek} run={run} branch={branch} />
     {dialog === 'keys' && <Dialog title={tr('Keys')} close={() => setDialog(null)}><dl class="keys">{KEYS.map(([key, what]) => <><dt>{key.split(', ').map((k, i) => <>{i > 0 && ', '}<kbd>{k}</kbd></>)}</dt><dd>{tr(what)}</dd></>)}</dl></Dialog>}
-    {dialog === 'save' && <Save name={state.saved ?? `${line.scene.name}-mine`} close={() => setDialog(null)} save={(name, replace) => link.do({ do: 'save', name, replace }).then(value => { setDialog(null); if (DEMO) void takeFile(`scenarios/${name}.toml`, `${name}.toml`); say(`${tr('Saved. It repeats this run bit for bit:')} ${DEMO ? `appell run ${name}.toml` : (value as { run: string }).run}`); })} />}
+    {dialog === 'save' && <Save name={state.saved ?? `${line.scene.name}-mine`} close={() => setDialog(null)} save={(name, replace) => link.do({ do: 'save', name, replace }).then(value => { setDialog(null); if (DEMO) for (const file of [`${name}.toml`, ...new Set(state.plugins.named.map(one => one.file))]) void takeFile(`scenarios/${file}`, file); say(`${tr('Saved. It repeats this run bit for bit:')} ${DEMO ? `appell run ${name}.toml` : (value as { run: string }).run}`); })} />}
   </>;
 }
 

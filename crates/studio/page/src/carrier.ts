@@ -7,6 +7,8 @@ export interface Carrier {
   onclose: (() => void) | null;
   onmessage: ((event: { data: unknown }) => void) | null;
   send(text: string): void;
+  /** Lays a file beside the scenarios, where the studio has no disk of its own. */
+  put?(file: File): Promise<void>;
   /** Why it carries no more, where it knows. */
   problem?: string;
 }
@@ -21,6 +23,11 @@ export async function connect(): Promise<Carrier> {
   const socket = new WebSocket(new URL('socket', location.href).href.replace(/^http/, 'ws'));
   socket.binaryType = 'arraybuffer';
   return socket as Carrier;
+}
+
+/** Lays a file beside the scenarios of the page. */
+export async function put(file: File): Promise<void> {
+  await (await worker)?.put?.(file);
 }
 
 /** What lies at an address below the page's own, such as `api/crossing?height=0.2`. */

@@ -3,7 +3,7 @@
 import type { Carrier } from '../carrier';
 
 /** To the worker. */
-export type Ask = { said: string } | { find: number; asked: object | string } | { open: string };
+export type Ask = { said: string } | { find: number; asked: object | string } | { open: string } | { put: string; bytes: Uint8Array<ArrayBuffer> };
 /** From it: what a socket would carry, and what was found. */
 export type Told = { text: string } | { frame: ArrayBuffer } | { opened: true } | { failed: string } | { found: number; status: number; bytes: Uint8Array<ArrayBuffer> };
 
@@ -43,6 +43,8 @@ export class Local implements Carrier {
   }
 
   send(text: string): void { this.ask({ said: text }); }
+
+  async put(file: File): Promise<void> { this.ask({ put: file.name, bytes: new Uint8Array(await file.arrayBuffer()) }); }
 
   find(address: string): Promise<Response> {
     const url = new URL(address, location.href);

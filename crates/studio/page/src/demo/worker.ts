@@ -1,7 +1,9 @@
-// Runs the studio's module: gives it the project's files in memory and a clock, and passes on what is said.
+// Runs the studio's module: gives it the project's files in memory, a clock and the browser's WebAssembly for
+// plug-ins, and passes on what is said.
 
-import { ConsoleStdout, Directory, File, type Inode, OpenFile, PreopenDirectory, WASI } from '@bjorn3/browser_wasi_shim';
+import { ConsoleStdout, Directory, File, type Inode, OpenFile, PreopenDirectory, WASI, wasi as filesystem } from '@bjorn3/browser_wasi_shim';
 import type { Ask, Told } from './local';
+import { modules } from './modules';
 
 /** What the module exports; `crates/demo` says more. */
 type Studio = {
@@ -16,8 +18,18 @@ const disk = new PreopenDirectory('/', new Map());
 let studio: Studio | null = null;
 let later: ReturnType<typeof setTimeout> | undefined;
 
+/** A file that tells when it was written: what is put in its place differs. */
+class Dated extends File {
+  private readonly written = BigInt(Math.round((performance.timeOrigin + performance.now()) * 1e6));
+  override stat(): filesystem.Filestat {
+    const about = super.stat();
+    about.mtim = this.written;
+    return about;
+  }
+}
+
 /** Puts a file into memory, with the folders that lead to it. */
-function put(path: string, text: string): void {
+function put(path: string, content: Uint8Array): void {
   const parts = path.split('/');
   let folder = disk.dir.contents;
   for (const part of parts.slice(0, -1)) {
@@ -25,7 +37,7 @@ function put(path: string, text: string): void {
     if (!(next instanceof Directory)) { next = new Directory(new Map()); folder.set(part, next); }
     folder = (next as Directory).contents;
   }
-  folder.set(parts[parts.length - 1], new File(encoder.encode(text)));
+  folder.set(parts[parts.length - 1], new Dated(content));
 }
 
 function fileAt(path: string): Uint8Array<ArrayBuffer> | null {
@@ -64,13 +76,18 @@ function fail(error: unknown): void {
 }
 
 async function open(address: string): Promise<void> {
-  const files: Record<string, string> = await (await fetch(new URL('project.json', address))).json();
-  for (const [path, text] of Object.entries(files)) put(path, text);
+  const taken = async (path: string) => {
+    const answer = await fetch(new URL(path, address));
+    if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
+    return answer.arrayBuffer();
+  };
+  // Texts in one file; modules each by itself.
+  const project: { texts: Record<string, string>; modules: string[] } = JSON.parse(decoder.decode(await taken('project.json')));
+  for (const [path, text] of Object.entries(project.texts)) put(path, encoder.encode(text));
+  await Promise.all(project.modules.map(async path => put(path, new Uint8Array(await taken(path)))));
   const log = (line: string) => console.error(line);
   const wasi = new WASI([], [], [new OpenFile(new File([])), ConsoleStdout.lineBuffered(log), ConsoleStdout.lineBuffered(log), disk]);
-  const answer = await fetch(new URL('appell.wasm', address));
-  if (!answer.ok) throw new Error(`appell.wasm: ${answer.status}`);
-  const { instance } = await WebAssembly.instantiate(await answer.arrayBuffer(), { wasi_snapshot_preview1: wasi.wasiImport });
+  const { instance } = await WebAssembly.instantiate(await taken('appell.wasm'), { wasi_snapshot_preview1: wasi.wasiImport, modules: modules(() => module) });
   const module = instance.exports as unknown as Studio;
   wasi.initialize(instance as { exports: { memory: WebAssembly.Memory; _initialize?: () => unknown } });
   const name = new URL(address).searchParams.get('scenario') ?? '';
@@ -86,6 +103,8 @@ self.onmessage = ({ data }: MessageEvent<Ask>) => {
   if (!studio) return;
   try {
     if ('said' in data) { give(studio, data.said); studio.appell_hear(); turn(); return; }
+    // The studio looks for new files by itself.
+    if ('put' in data) { put(`scenarios/${data.put}`, data.bytes); return; }
     if (typeof data.asked === 'string') {
       const bytes = fileAt(data.asked);
       tell({ found: data.find, status: bytes ? 200 : 404, bytes: bytes ?? new Uint8Array() });

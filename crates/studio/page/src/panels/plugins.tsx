@@ -1,12 +1,15 @@
 // What can drive a robot: controllers that are built in, of the scenario, and files beside it.
 
 import { significant } from '../../../../sim/web/draw.js';
-import { DEMO } from '../carrier';
+import { DEMO, put } from '../carrier';
 import { componentPanel, type ViewProps } from '../panel';
 import { tr } from '../words';
 
 /** A short time, in the unit that suits it. */
 const duration = (s: number) => s < 1e-6 ? `${(s * 1e9).toFixed(0)} ns` : s < 1e-3 ? `${significant(s * 1e6, 2)} µs` : `${significant(s * 1e3, 2)} ms`;
+
+/** A name of a module as the studio lists it. */
+const plain = (name: string) => `${name.replace(/\.wasm$/i, '').replace(/[^A-Za-z0-9_-]/g, '-').slice(0, 60)}.wasm`;
 
 function PluginsView({ studio }: ViewProps) {
   const { state, run, at } = studio;
@@ -33,7 +36,8 @@ function PluginsView({ studio }: ViewProps) {
         </ul>
       </section>;
     })}
-    <p class="note">{DEMO ? tr('This demo has the controllers that are built in. Plug-ins, in whatever language, need the program.') : tr('Files with .wasm, .py, .so, .fmu beside the scenario are listed. One that is reloaded is copied under a name of its own, so that the saved scenario repeats the run.')}</p>
+    {DEMO && <label class="button add">{tr('Add modules …')}<input type="file" class="sr" accept=".wasm" multiple onChange={e => { const input = e.target as HTMLInputElement; for (const file of input.files ?? []) void put(new File([file], plain(file.name))); input.value = ''; }} /></label>}
+    <p class="note">{DEMO ? tr('Here plug-ins are modules of WebAssembly (.wasm), which stay in this page; one that is added again under its name is taken by “Reload”. Other languages need the program.') : tr('Files with .wasm, .py, .so, .fmu beside the scenario are listed. One that is reloaded is copied under a name of its own, so that the saved scenario repeats the run.')}</p>
   </div>;
 }
 
