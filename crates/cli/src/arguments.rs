@@ -227,7 +227,10 @@ pub struct StudioOptions {
     /// Folder with panels of the project [default: panels, beside the scenario or its folder].
     #[arg(long, value_name = "DIR")]
     pub panels: Option<PathBuf>,
-    /// Load libraries that the scenario names as plug-ins into the process of the studio.
+    /// Run plug-ins that are libraries, FMUs or programs, each in a process of its own.
+    #[arg(long)]
+    pub allow_native: bool,
+    /// Load plug-ins that are libraries into the process of the studio.
     #[arg(long)]
     pub trust_native: bool,
 }

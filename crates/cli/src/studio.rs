@@ -26,6 +26,9 @@ pub fn studio(options: &StudioOptions) -> u8 {
     if options.no_browser {
         command.arg("--no-browser");
     }
+    if options.allow_native {
+        command.arg("--allow-native");
+    }
     if options.trust_native {
         command.arg("--trust-native");
     }

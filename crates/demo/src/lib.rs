@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 use appell_studio::player::{Fresh, Player};
-use appell_studio::studio::{Refusal, Studio};
+use appell_studio::studio::{Native, Refusal, Studio};
 use appell_studio::talk::{self, Message, Obstructed, Said, Told, View};
 use serde::Deserialize;
 
@@ -38,7 +38,7 @@ enum Asked {
 
 impl Demo {
     fn open(file: &str) -> Result<Demo, Refusal> {
-        let studio = Studio::open(Path::new(file), &[], false)?;
+        let studio = Studio::open(Path::new(file), &[], Native::Refused)?;
         let view = View::of(&studio);
         let mut told = Told::default();
         Ok(Demo {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use appell_studio::driver::Driver;
 use appell_studio::panels::Panels;
-use appell_studio::studio::Studio;
+use appell_studio::studio::{Native, Studio};
 use appell_studio::web;
 use clap::Parser;
 
@@ -14,7 +14,7 @@ use clap::Parser;
 #[derive(Parser)]
 #[command(version, max_term_width = 100)]
 struct Arguments {
-    /// A scenario, the recording of a run (`.mcap`, `.parquet`), or the folder of a batch.
+    /// A scenario, the recording of a run (`.mcap`, `.parquet`), or the folder of a batch (or its rows).
     file: PathBuf,
     /// Print the address only.
     #[arg(long)]
@@ -28,7 +28,10 @@ struct Arguments {
     /// Folder with panels of the project [default: panels, beside the scenario or its folder].
     #[arg(long, value_name = "DIR")]
     panels: Option<PathBuf>,
-    /// Load libraries that the scenario names as plug-ins into this process.
+    /// Run plug-ins that are libraries, FMUs or programs, each in a process of its own.
+    #[arg(long)]
+    allow_native: bool,
+    /// Load plug-ins that are libraries into this process.
     #[arg(long)]
     trust_native: bool,
 }
@@ -51,7 +54,12 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
         };
         overrides.push((path.trim().to_owned(), value.trim().to_owned()));
     }
-    let studio = Studio::open(&arguments.file, &overrides, arguments.trust_native)
+    let native = match (arguments.trust_native, arguments.allow_native) {
+        (true, _) => Native::Here,
+        (false, true) => Native::Apart,
+        (false, false) => Native::Refused,
+    };
+    let studio = Studio::open(&arguments.file, &overrides, native)
         .map_err(|refusal| (2, format!("{}: {refusal}", arguments.file.display())))?;
     let output = |error: std::io::Error| (4, error.to_string());
     let token = web::token().map_err(|error| (4, error.to_string()))?;

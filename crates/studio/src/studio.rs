@@ -38,6 +38,19 @@ struct Undo {
     from: Option<u32>,
 }
 
+/// What becomes of plug-ins that are programs of this machine: libraries, FMUs, and whatever is started.
+///
+/// A page can load any file that lies beside the scenario, so who starts the studio says what may run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Native {
+    /// None is started.
+    Refused,
+    /// Each runs in a process of its own.
+    Apart,
+    /// Libraries run in this process.
+    Here,
+}
+
 /// The lines, and what is done with them.
 pub struct Studio {
     lines: Vec<Line>,
@@ -54,7 +67,7 @@ pub struct Studio {
     overrides: Vec<(String, String)>,
     batch: Option<Opened>,
     hashes: plugins::Hashes,
-    trust_native: bool,
+    native: Native,
     saved: Option<String>,
     notice: Option<String>,
     /// Whether time runs.
@@ -89,7 +102,7 @@ impl Studio {
     ///
     /// # Errors
     /// It cannot be read or built.
-    pub fn open(file: &Path, overrides: &Overrides, trust_native: bool) -> Result<Studio, Refusal> {
+    pub fn open(file: &Path, overrides: &Overrides, native: Native) -> Result<Studio, Refusal> {
         let mut studio = Studio {
             lines: Vec::new(),
             active: 0,
@@ -104,7 +117,7 @@ impl Studio {
             overrides: overrides.to_vec(),
             batch: None,
             hashes: plugins::Hashes::default(),
-            trust_native,
+            native,
             saved: None,
             notice: None,
             is_playing: false,
@@ -115,10 +128,10 @@ impl Studio {
     }
 
     fn read(&mut self, file: &Path) -> Result<(), Refusal> {
-        if file.is_dir() {
-            let opened = Opened::read(file)?;
+        if let Some(folder) = batch::folder_of(file) {
+            let opened = Opened::read(folder)?;
             // Its first trial is there to be seen, and the folder's own scenario to go back to.
-            self.read(&file.join("scenario.toml"))?;
+            self.read(&folder.join("scenario.toml"))?;
             self.batch = Some(opened);
             return self.replay("", 0);
         }
@@ -141,7 +154,7 @@ impl Studio {
             ));
         }
         let loaded = Loaded {
-            trust_native: self.trust_native,
+            trust_native: self.native == Native::Here,
             ..loaded
         };
         let planned = (loaded.scenario.swap.clone(), loaded.scenario.change.clone());
@@ -194,6 +207,27 @@ impl Studio {
         }
     }
 
+    /// Refuses plug-ins that may not run.
+    fn admit(&self, scenario: &Scenario) -> Result<(), Refusal> {
+        if self.native != Native::Refused {
+            return Ok(());
+        }
+        for robot in &scenario.robot {
+            for (name, plugin) in robot.plugins() {
+                if plugins::is_native(&plugin.file) {
+                    let (robot, file) = (&robot.name, &plugin.file);
+                    return Err(Refusal::new(
+                        format!(
+                            "{name} of robot {robot} is a program of this machine, {file:?}, which the studio may not run"
+                        ),
+                        "if you trust it, start the studio with --allow-native",
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// A line at its first instant.
     fn begin(
         &mut self,
@@ -202,6 +236,7 @@ impl Studio {
         what: String,
         kind: Kind,
     ) -> Result<Line, Refusal> {
+        self.admit(&loaded.scenario)?;
         let run = Run::new(&loaded, 0)?;
         let history = History::new(&run.header);
         let mut line = Line {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use appell_sim::record::{Memory, Recording};
 use appell_sim::run::{Outcome, Run};
 use appell_sim::scenario;
-use appell_studio::studio::{Command, Line, Studio};
+use appell_studio::studio::{Command, Line, Native, Studio};
 use serde_json::{Value, json};
 
 fn root() -> PathBuf {
@@ -14,7 +14,7 @@ fn root() -> PathBuf {
 
 fn open(name: &str) -> Studio {
     let file = root().join(format!("scenarios/{name}.toml"));
-    Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"))
+    Studio::open(&file, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn say(studio: &mut Studio, command: Value) -> Result<Value, String> {
@@ -250,7 +250,8 @@ fn invariant_a_recording_is_opened_and_branched() {
     drive(&mut studio, 60_000);
     let file = folder.join("run.mcap");
     studio.active().write_recording(&file).expect("writes");
-    let mut again = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    let mut again =
+        Studio::open(&file, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(again.active().rows(), studio.active().rows());
     assert!(say(&mut again, json!({"do": "play"})).is_err());
     told(&mut again, json!({"do": "branch", "at": 3.0}));
@@ -265,7 +266,8 @@ fn invariant_a_recording_is_opened_and_branched() {
             .resolved,
     )
     .expect("writes");
-    let mut own = Studio::open(&scenario, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    let mut own =
+        Studio::open(&scenario, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"));
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink("/etc/hostname", folder.join("link.toml")).expect("a link");
@@ -302,7 +304,16 @@ fn peer_replayed_trials_have_the_figures_of_the_batch() {
     batch
         .execute(&store, Shard::WHOLE, Crew::default(), &|_| {})
         .expect("runs");
-    let mut studio = Studio::open(&folder, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    let mut studio =
+        Studio::open(&folder, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"));
+    let rows = std::fs::read_dir(folder.join("trials")).expect("a folder");
+    let rows = rows.map(|entry| entry.expect("an entry").path());
+    let rows = rows
+        .filter(|file| file.extension().is_some_and(|end| end == "parquet"))
+        .next()
+        .expect("rows");
+    let by_rows = Studio::open(&rows, &[], Native::Refused).expect("its rows name a batch");
+    assert_eq!(by_rows.batch(), studio.batch());
     let figures: Value = serde_json::from_str(&studio.batch().expect("is open")).expect("JSON");
     let columns = figures["columns"].as_array().expect("columns");
     let column = |name: &str| {
@@ -366,7 +377,7 @@ fn golden_plugins_come_and_go() {
     copy("scenarios/slalom.toml", "scenarios/slalom.toml");
     copy("robots/three-wheeler.toml", "robots/three-wheeler.toml");
     copy("examples/plugins/slalom.py", "scenarios/slalom.py");
-    let mut studio = Studio::open(&folder.join("scenarios/slalom.toml"), &[], false)
+    let mut studio = Studio::open(&folder.join("scenarios/slalom.toml"), &[], Native::Refused)
         .unwrap_or_else(|error| panic!("{error}"));
     drive(&mut studio, 500);
     let files = studio.state()["plugins"]["files"].clone();
@@ -397,6 +408,18 @@ fn golden_plugins_come_and_go() {
     ] {
         let refusal = say(&mut studio, command.clone()).expect_err("is refused");
         assert!(refusal.contains(word), "{command}: {refusal}");
+    }
+    // What runs on this machine itself is for whoever started the studio to allow, not for a page.
+    for name in ["rogue.so", "rogue.fmu"] {
+        std::fs::write(folder.join("scenarios").join(name), "nothing").expect("writes");
+        let load = json!({"do": "load", "robot": "tri", "file": name});
+        let refusal = say(&mut studio, load.clone()).expect_err("is refused");
+        assert!(refusal.contains("--allow-native"), "{name}: {refusal}");
+        let file = folder.join("scenarios/slalom.toml");
+        let mut other = Studio::open(&file, &[], Native::Apart).expect("it opens");
+        let refusal = say(&mut other, load).expect_err("it is no library");
+        assert!(!refusal.contains("--allow-native"), "{name}: {refusal}");
+        std::fs::remove_file(folder.join("scenarios").join(name)).expect("it was there");
     }
     // One that cannot be opened leaves everything as it was.
     std::fs::write(folder.join("scenarios/broken.py"), "no python at all").expect("writes");
@@ -524,7 +547,8 @@ fn invariant_a_recording_is_laid_beside() {
         studio.active().write_recording(&file).expect("writes");
     }
     let file = folder.join("one/recording.mcap");
-    let mut again = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    let mut again =
+        Studio::open(&file, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(again.state()["found"]["recordings"], json!(["one", "two"]));
     told(&mut again, json!({"do": "beside", "recording": "two"}));
     assert_eq!(again.lines().len(), 2);

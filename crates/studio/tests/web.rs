@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use appell_studio::driver::Driver;
 use appell_studio::panels::Panels;
-use appell_studio::studio::Studio;
+use appell_studio::studio::{Native, Studio};
 use appell_studio::web;
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
@@ -28,7 +28,8 @@ async fn serve() -> Served {
 
 async fn serve_with(panels: Panels) -> Served {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios/slalom.toml");
-    let studio = Studio::open(&file, &[], false).unwrap_or_else(|error| panic!("{error}"));
+    let studio =
+        Studio::open(&file, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"));
     let driver = Arc::new(Driver::start(studio));
     let listener = web::listen(0).await.expect("a port");
     let port = listener.local_addr().expect("an address").port();

@@ -35,6 +35,17 @@ impl From<BatchError> for Refusal {
     }
 }
 
+/// The folder of a batch: one that is named, or that of the rows that are.
+pub(super) fn folder_of(file: &Path) -> Option<&Path> {
+    if file.is_dir() {
+        return Some(file);
+    }
+    let trials = file.parent()?;
+    let is_rows = file.extension()? == "parquet" && trials.file_name()? == "trials";
+    let folder = trials.parent()?;
+    (is_rows && folder.join("batch.manifest").is_file()).then_some(folder)
+}
+
 impl Opened {
     /// Reads a folder.
     pub fn read(folder: &Path) -> Result<Opened, Refusal> {

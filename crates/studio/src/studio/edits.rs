@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::command::Refusal;
 use super::line::{Kind, Line};
-use super::{Studio, Undo};
+use super::{Native, Studio, Undo};
 
 /// Laws of path following, as a scenario names them.
 pub(super) const LAWS: [&str; 5] = ["samson", "pure-pursuit", "stanley", "kanayama", "lqr"];
@@ -43,7 +43,7 @@ impl Studio {
             ));
         }
         Ok(Loaded {
-            trust_native: self.trust_native,
+            trust_native: self.native == Native::Here,
             ..loaded
         })
     }

@@ -34,6 +34,11 @@ fn host(file: &str) -> Option<&'static str> {
     }
 }
 
+/// Whether a plug-in is a program of this machine: neither a module, which is sealed off, nor Python.
+pub(super) fn is_native(file: &str) -> bool {
+    !matches!(host(file), Some("wasm" | "python"))
+}
+
 impl Studio {
     /// SHA-256 of a file; none where it cannot be read, or is too large.
     fn hash(&self, file: &str) -> Option<String> {
