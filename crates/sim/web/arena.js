@@ -218,7 +218,20 @@ export function drawTerrain(view, run, id) {
 }
 
 /**
- * The arrow that points downhill, with the slope's angle, centered in a box of 96 × 30 px.
+ * The arrow that points downhill on a plane, about a place.
+ * @param {Run} run
+ * @param {number} x
+ * @param {number} y
+ */
+export function drawDownhill(run, x, y) {
+  const { terrain } = run.arena;
+  if (terrain.kind !== 'plane') return '';
+  const heading = terrain.downhill_heading_deg + (terrain.slope_deg < 0 ? 180 : 0);
+  return `<g transform="translate(${px(x)} ${px(y)}) rotate(${px(-heading)})"><path d="M-13 0H9" class="origin"/><path d="M8-5l9 5l-9 5z" class="origin-tip"/></g>`;
+}
+
+/**
+ * The same with the slope's angle, centered in a box of 96 × 30 px.
  * @param {Run} run
  * @param {number} x
  * @param {number} y
@@ -226,8 +239,7 @@ export function drawTerrain(view, run, id) {
 function downhillArrow(run, x, y) {
   const { terrain } = run.arena;
   if (terrain.kind !== 'plane') return '';
-  const heading = terrain.downhill_heading_deg + (terrain.slope_deg < 0 ? 180 : 0);
-  return `<g transform="translate(${px(x + 16)} ${px(y + 15)}) rotate(${px(-heading)})"><path d="M-13 0H9" class="origin"/><path d="M8-5l9 5l-9 5z" class="origin-tip"/></g>${label(x + 38, y + 12, 'downhill', 'note halo')}${label(x + 38, y + 26, plain(Math.abs(terrain.slope_deg)) + '°', 'bold halo')}`;
+  return `${drawDownhill(run, x + 16, y + 15)}${label(x + 38, y + 12, 'downhill', 'note halo')}${label(x + 38, y + 26, plain(Math.abs(terrain.slope_deg)) + '°', 'bold halo')}`;
 }
 
 /**
@@ -371,6 +383,14 @@ export function robotColor(run, index) {
 export function speedLimit(run) {
   let most = 0;
   for (const robot of run.robots) for (const v of tracksOf(run, robot).speed) if (v > most) most = v;
+  return roundSpeed(most);
+}
+
+/**
+ * A round speed that is no less than one; 1 m/s for none.
+ * @param {number} most m/s
+ */
+export function roundSpeed(most) {
   if (!(most > 0)) return 1;
   const power = Math.pow(10, Math.floor(Math.log10(most * 0.999)));
   return Number(([1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10].find(m => m * power >= most * 0.999) || 10).toPrecision(2)) * power;
@@ -651,22 +671,36 @@ export function drawRobot(view, robot, state, options = {}) {
 }
 
 /**
+ * The largest force of a robot's wheels in rows from one on, N: what friction allows where it is known.
+ * @param {Run} run
+ * @param {Tracks} tracks
+ * @param {number} [from]
+ */
+export function largestForce(run, tracks, from = 0) {
+  const { friction } = run.arena;
+  let most = 0;
+  for (const { along, across, load } of tracks.wheels) {
+    const force = along || across;
+    if (!force) continue;
+    const allowed = friction ? load : null;
+    const values = allowed || force;
+    for (let k = from; k < values.length; k++) most = Math.max(most, allowed && friction ? friction * Number(values[k]) : Math.abs(Number(values[k])));
+  }
+  return most;
+}
+
+/**
  * Length on the ground that stands for one newton, m/N: the largest force or friction limit of the
  * run spans about 0.6 of its robot. Zero when no forces were recorded.
  * @param {Run} run
+ * @param {number[]} [largest] the largest force of each robot
  */
-export function forceScale(run) {
+export function forceScale(run, largest = run.robots.map(robot => largestForce(run, tracksOf(run, robot)))) {
   let scale = 0;
-  for (const robot of run.robots) {
-    let most = 0;
-    for (const wheel of tracksOf(run, robot).wheels) {
-      if (!wheel.along && !wheel.across) continue;
-      const friction = run.arena.friction;
-      if (friction && wheel.load) for (const load of wheel.load) most = Math.max(most, friction * Number(load));
-      else for (const f of wheel.along || wheel.across || []) most = Math.max(most, Math.abs(Number(f)));
-    }
-    if (most > 0) scale = scale > 0 ? Math.min(scale, 0.85 * reachOf(robot) / most) : 0.85 * reachOf(robot) / most;
-  }
+  run.robots.forEach((robot, i) => {
+    const own = largest[i] > 0 ? 0.85 * reachOf(robot) / largest[i] : 0;
+    if (own > 0) scale = scale > 0 ? Math.min(scale, own) : own;
+  });
   return scale;
 }
 
@@ -723,7 +757,7 @@ export function drawForces(view, robot, state, options) {
  * @param {number} by
  * @param {number} head length of the head, px
  */
-function drawArrow(ax, ay, bx, by, head) {
+export function drawArrow(ax, ay, bx, by, head) {
   const d = Math.hypot(bx - ax, by - ay);
   if (!(d >= 1.5)) return null;
   const h = Math.min(head, d * 0.7);

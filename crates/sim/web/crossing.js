@@ -3,7 +3,7 @@
 //
 // Pure functions from numbers to SVG text; `crossing-player.js` touches the page.
 
-import { escapeText, label, niceStep, px, significant, tickText } from './draw.js';
+import { escapeText, label, niceStep, px, significant, textWidth, tickText } from './draw.js';
 import { standalone } from './arena.js';
 
 /** @typedef {[number, number]} Point */
@@ -100,7 +100,13 @@ export function drawCrossing(data, k, width = 1080) {
   const view = profileView(data, width, spanOf(data));
   const step = niceStep(view.high - view.low, 6);
   const ticks = [];
-  for (let i = Math.ceil(view.low / step); i * step < view.high; i++) ticks.push(`<path d="M${px(view.x(i * step))} 0V${view.height}" class="grid"/>` + label(view.x(i * step) + 4, 14, `${tickText(i * step, step)} m`, 'tick'));
+  for (let i = Math.ceil(view.low / step); i * step < view.high; i++) {
+    const x = view.x(i * step);
+    const words = `${tickText(i * step, step)} m`;
+    // Those that would be cut off are left out.
+    const has = x + 4 + textWidth(words, 11.5) < width;
+    ticks.push(`<path d="M${px(x)} 0V${view.height}" class="grid"/>${has ? label(x + 4, 14, words, 'tick') : ''}`);
+  }
   return { svg: ticks.join('') + groundOf(data, view) + robotOf(data.frames[k], data, view), width, height: view.height, words: wordsOf(data.frames[k]) };
 }
 

@@ -1,6 +1,7 @@
 // What the studio says becomes lines that grow, and a state; what people do becomes commands.
 
 import { connect, DEMO, type Carrier } from './carrier';
+import { forceScale, largestForce, roundSpeed } from '../../../sim/web/arena.js';
 import type { Robot, Run, Tracks } from '../../../sim/web/run.js';
 
 export type RunEvent = { n: number; t: number; robot: string; kind: string; text: string; detail: string | null; position: [number, number] | null };
@@ -40,6 +41,9 @@ export class Line {
   readonly tracks: Tracks[];
   private columns: number[][] = [];
   private speeds: { forward: number; left: number; speed: number[] }[] = [];
+  /** Largest force of each robot, N, and largest speed of all, m/s, in what has come. */
+  private largest: number[];
+  private fastest = 0;
 
   constructor(readonly id: number, readonly scene: Scene) {
     const signals: Record<string, { unit: string; values: number[] }> = {};
@@ -53,6 +57,7 @@ export class Line {
       verdict: { status: '', sentence: '' }, arena: scene.extra.arena, robots: scene.extra.robots, time: [], signals,
       events: [], metrics: [], statistics: [], plots: [], comparison: null,
     } as Run;
+    this.largest = scene.extra.robots.map(() => 0);
     // Tracks keep the arrays that rows are pushed onto.
     const find = (path: string) => signals[path]?.values ?? null;
     this.tracks = scene.extra.robots.map(robot => {
@@ -71,13 +76,24 @@ export class Line {
 
   get end(): number { return this.run.time.length > 0 ? this.run.time[this.run.time.length - 1] : 0; }
 
+  /** Length of a force in the arena, m/N; 0 where there are none. */
+  get forceScale(): number { return forceScale(this.run, this.largest); }
+  /** The end of a scale of speeds, m/s. */
+  get speedLimit(): number { return roundSpeed(this.fastest); }
+
   take(times: Float64Array, values: Float32Array): void {
     const width = this.columns.length;
+    const before = this.run.time.length;
     for (let k = 0; k < times.length; k++) {
       this.run.time.push(times[k]);
       for (let i = 0; i < width; i++) this.columns[i].push(values[k * width + i]);
-      for (const { forward, left, speed } of this.speeds) speed.push(Math.hypot(forward < 0 ? 0 : values[k * width + forward], left < 0 ? 0 : values[k * width + left]));
+      for (const { forward, left, speed } of this.speeds) {
+        const own = Math.hypot(forward < 0 ? 0 : values[k * width + forward], left < 0 ? 0 : values[k * width + left]);
+        speed.push(own);
+        if (own > this.fastest) this.fastest = own;
+      }
     }
+    this.tracks.forEach((tracks, i) => { this.largest[i] = Math.max(this.largest[i], largestForce(this.run, tracks, before)); });
   }
 
   /** The value of a drawn signal at an instant, or NaN. */

@@ -1,11 +1,11 @@
-// What colors a trail: the speed, or any signal of the robot, on a scale that follows the run.
+// What colors a trail: the speed, the time, or any signal of the robot, on a scale that follows the run.
 
-import { speedLimit } from '../../../sim/web/arena.js';
 import { clamp, roundUp, viridis } from '../../../sim/web/draw.js';
 import type { Tracks } from '../../../sim/web/run.js';
 import type { Line, Link, Series } from './net';
 
 export const SPEED = 'speed';
+export const TIME = 'time';
 /** Points of a signal that the page does not have row by row. */
 const POINTS = 4000;
 
@@ -37,14 +37,15 @@ export class Shade {
   }
 
   private values(): ArrayLike<number> | null {
-    return this.path === SPEED ? null : this.line.run.signals[this.path]?.values as number[] ?? this.series?.columns[0] ?? null;
+    return this.path === SPEED || this.path === TIME ? null : this.line.run.signals[this.path]?.values as number[] ?? this.series?.columns[0] ?? null;
   }
 
   /** Looks at the extremes; whether the scale is another now. */
   scale(): boolean {
     const { low, high, isSigned } = this;
     this.isNew = false;
-    if (this.path === SPEED) this.high = speedLimit(this.line.run);
+    if (this.path === SPEED) this.high = this.line.speedLimit;
+    else if (this.path === TIME) this.high = roundUp(this.line.end || 1);
     else {
       this.ask();
       const values = this.values();
@@ -73,6 +74,7 @@ export class Shade {
   part(tracks: Tracks, row: number): number {
     let value: number;
     if (this.path === SPEED) value = tracks.speed[row];
+    else if (this.path === TIME) value = tracks.time[row];
     else if (this.path in this.line.run.signals) value = Number(this.line.run.signals[this.path].values[row]);
     else if (this.series && this.series.times.length > 0) {
       const { times, columns } = this.series;

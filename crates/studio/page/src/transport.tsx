@@ -36,18 +36,18 @@ export function Transport({ state, line, about, lines, times, t, cursor, replayi
       {cursor !== null && !about.over && <button onClick={() => seek(null)} title={`${tr('To the newest instant')} (End)`}>{tr('To now')}</button>}
       <button onClick={() => void run({ do: 'restart' }).then(() => seek(null))} title={tr('Drive this line again from its beginning')}>{tr('Restart')}</button>
       <span class="grow" />
-      <span class="hint"><kbd>Space</kbd> {tr('play')} <kbd>←</kbd><kbd>→</kbd> {tr('step')} <kbd>B</kbd> {tr('branch')} <span class="far"><kbd>W</kbd><kbd>A</kbd><kbd>S</kbd><kbd>D</kbd> {tr('drive')}</span> <kbd>?</kbd> {tr('all keys')}</span>
+      <span class="hint"><kbd>Space</kbd> {tr('play')} <kbd>←</kbd><kbd>→</kbd> {tr('step')} <kbd>B</kbd> {tr('branch')} <span class="far"><kbd>W</kbd><kbd>A</kbd><kbd>S</kbd><kbd>D</kbd> {tr('steer')}</span> <kbd>?</kbd> {tr('all keys')}</span>
     </div>
     <div class="lanes">
-      <div class="names">{shownLines.map(one => <button class="bare" aria-pressed={one.id === state.active} title={one.id === state.active ? `Line ${one.name}: ${one.what}` : `Go on with line ${one.name}: ${one.what}`} onClick={() => { if (one.id !== state.active) void run({ do: 'activate', line: one.id }); }}>{one.name.replace('trial ', '#')}</button>)}</div>
+      <div class="names">{shownLines.map(one => <button class="bare" aria-pressed={one.id === state.active} title={one.id === state.active ? `${tr('Line')} ${one.name}: ${one.what}` : `${tr('Go on with line')} ${one.name}: ${one.what}`} onClick={() => { if (one.id !== state.active) void run({ do: 'activate', line: one.id }); }}>{one.name.replace('trial ', '#')}</button>)}</div>
       <div class="rail" ref={rail}>
-        <div class="grab" role="slider" tabIndex={0} aria-label={tr('time')} aria-valuemin={0} aria-valuemax={Number(line.end.toFixed(2))} aria-valuenow={Number(t.toFixed(2))} aria-valuetext={`${t.toFixed(2)} seconds`}
+        <div class="grab" role="slider" tabIndex={0} aria-label={tr('time')} aria-valuemin={0} aria-valuemax={Number(line.end.toFixed(2))} aria-valuenow={Number(t.toFixed(2))} aria-valuetext={`${t.toFixed(2)} s`}
           onPointerDown={e => { (e.target as Element).setPointerCapture(e.pointerId); pick(e); }} onPointerMove={e => { if (e.buttons & 1) pick(e); }} />
         {shownLines.map(one => { const from = one.parent?.[1] ?? 0; const active = one.id === state.active; return <div class="lane" data-active={active}>
           <i class="whole" style={{ left: where(from), right: `calc(100% - ${where(times(one.id))})` }} />
           {active && <i class="gone" style={{ left: '0', right: `calc(100% - ${where(t)})` }} />}
-          {one.parent && <i class="fork" style={{ left: where(from) }} title={`branched from ${one.parent[0]} at ${from.toFixed(2)} s: ${one.what}`} />}
-          {active && one.events.slice(-60).map(e => <button class="mark" data-kind={e.kind} aria-label={`event ${e.n} at ${e.t.toFixed(2)} s: ${e.text}`} title={`${e.t.toFixed(2)} s: ${e.text}${e.detail ? `, ${e.detail}` : ''}`} style={{ left: where(e.t) }} onClick={() => seek(e.t)}>{e.kind === 'change' || e.kind === 'swap' ? '' : e.n}</button>)}
+          {one.parent && <i class="fork" style={{ left: where(from) }} title={`${tr('branch of')} ${one.parent[0]}, ${from.toFixed(2)} s: ${one.what}`} />}
+          {active && one.events.slice(-60).map(e => <button class="mark" data-kind={e.kind} aria-label={`${tr('event')} ${e.n}, ${e.t.toFixed(2)} s: ${e.text}`} title={`${e.t.toFixed(2)} s: ${e.text}${e.detail ? `, ${e.detail}` : ''}`} style={{ left: where(e.t) }} onClick={() => seek(e.t)}>{e.kind === 'change' || e.kind === 'swap' ? '' : e.n}</button>)}
           {one.over && <span class="end" data-verdict={one.verdict} style={{ left: where(times(one.id)) }}>{one.verdict === 'passed' ? '✓' : one.verdict === 'failed' ? '✗' : '■'}</span>}
         </div>; })}
         <div class="ticks" aria-hidden="true">{multiples(0, top, step).map((v: number) => <span style={{ left: where(v) }}>{Number(v.toFixed(6))}{v + step > top ? ' s' : ''}</span>)}</div>

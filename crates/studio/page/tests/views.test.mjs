@@ -37,6 +37,36 @@ test('the trail takes the color of any signal, with its scale', async () => {
   await page.getByLabel('Color of the trail').selectOption({ label: 'wheel.left.voltage' });
   await page.waitForFunction(() => { const [low, high] = [...document.querySelectorAll('[data-shade] b')].map(b => Number(b.textContent.replace('−', '-'))); return low === -high && high > 1; });
   assert.ok(await page.locator('[data-layer=trail] path').count() > 10);
+  // The time, from 0 to a round number that is no less than the end.
+  await page.getByLabel('Color of the trail').selectOption({ label: 'time' });
+  const end = (await studio.state()).lines[0].end;
+  await page.waitForFunction(end => { const [low, high] = [...document.querySelectorAll('[data-shade] b')].map(b => Number(b.textContent)); return low === 0 && high >= end && high < 3 * end; }, end);
+  await page.getByLabel('Color of the trail').selectOption({ label: 'speed on the path' });
+});
+
+test('velocity and forces are to a scale that is told', async () => {
+  const moving = page.locator('[data-layer=moving]');
+  const robot = (await studio.state()).robots[0].name;
+  const t = await page.locator('[data-time]').textContent();
+  const at = await fetch(`${studio.address}api/series?line=1&from=${Number(t) - 0.005}&to=${Number(t) + 0.005}&points=10&signals=robot.${robot}.twist.forward`);
+  const forward = Number((await at.text()).trim().split('\n')[1].split(',')[1]);
+  // Half a second of way, by the scale bar.
+  const { length, metre } = await page.evaluate(() => {
+    const [bar] = document.querySelectorAll('[data-bar]');
+    const words = bar.textContent.match(/([\d.]+) (m|cm)/);
+    const metre = (Number(bar.getAttribute('width')) - 4) / (Number(words[1]) * (words[2] === 'm' ? 1 : 0.01));
+    const [head] = document.querySelectorAll('[data-layer=moving] .velocity + path');
+    const start = document.querySelector('[data-layer=moving] .velocity').getPointAtLength(0), tip = head.getPointAtLength(0);
+    return { length: Math.hypot(tip.x - start.x, tip.y - start.y), metre };
+  });
+  assert.ok(forward > 0.1, String(forward));
+  assert.ok(Math.abs(length / metre - 0.5 * forward) < 0.02 * forward, `${length} px at ${metre} px/m for ${forward} m/s`);
+  const newtons = page.locator('[data-newtons] b');
+  assert.match(await newtons.textContent(), /^\d+(\.\d+)? N$/);
+  await page.getByRole('button', { name: 'Forces' }).click();
+  await moving.locator('.velocity').waitFor({ state: 'detached' });
+  assert.equal(await newtons.count(), 0);
+  await page.getByRole('button', { name: 'Forces' }).click();
 });
 
 test('three clicks measure an angle', async () => {

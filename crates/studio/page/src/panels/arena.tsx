@@ -1,11 +1,11 @@
 // The arena: the report's drawing in a window that pans, zooms and follows, with what runs along.
 
 import { useEffect, useRef, useState } from 'preact/hooks';
-import { drawBeacons, drawGoal, drawGround, drawMoving, drawOrigin, drawRobot, drawScaleBar, drawTerrain, forceScale, gridSteps, reachOf, robotColor, trailPoints, trailRuns, viewOf } from '../../../../sim/web/arena.js';
+import { drawArrow, drawBeacons, drawDownhill, drawGoal, drawGround, drawMoving, drawOrigin, drawRobot, drawScaleBar, drawTerrain, gridSteps, reachOf, robotColor, trailPoints, trailRuns, viewOf } from '../../../../sim/web/arena.js';
 import { clamp, eventMark, label, multiples, niceStep, pathText, plain, px, simplify, tickText } from '../../../../sim/web/draw.js';
 import { indexAt, stateAt, type Tracks } from '../../../../sim/web/run.js';
 import { componentPanel, eachPicture, type ViewProps } from '../panel';
-import { Shade, SPEED } from '../shade';
+import { Shade, SPEED, TIME } from '../shade';
 import type { Line } from '../net';
 import type { Studio } from '../studio';
 import { saveArena } from '../save';
@@ -13,6 +13,8 @@ import { tr } from '../words';
 
 /** Pieces of trails before they are joined. */
 const PIECES_MAX = 1200;
+/** A velocity is drawn as the way of so long, s, for so many robots at most. */
+const AHEAD = 0.5, VELOCITIES_MAX = 12;
 
 type View = ReturnType<typeof viewOf>;
 type Drag = { beacon: string | null; moved: boolean; x: number; y: number; gesture: number };
@@ -162,7 +164,16 @@ export function Arena(props: Props) {
       shown.events = line.run.events.length;
       // Scales follow the run, but not at every frame.
       if (moved || rows - shown.scaled > 25 || shade.isNew) {
-        shown.newton = forceScale(line.run);
+        shown.newton = line.forceScale;
+        const length = shown.newton * view.scale, newtons = niceStep(34 / length, 1);
+        const example = root.parentElement?.querySelector('[data-newtons]');
+        if (example && length > 0) {
+          const arrow = (y: number, name: string) => { const [shaft, head] = drawArrow(0, y, newtons * length, y, 7) ?? ['', '']; return `<path d="${shaft}" class="force s-${name}"/><path d="${head}" class="f-${name}"/>`; };
+          const svg = example.querySelector('svg') as SVGSVGElement;
+          svg.setAttribute('width', String(Math.ceil(newtons * length)));
+          svg.innerHTML = arrow(4, 'blue') + arrow(12, 'vermilion');
+          (example.querySelector('b') as HTMLElement).textContent = `${plain(newtons)} N`;
+        }
         if (shade.scale()) moved = true;
         shown.scaled = rows;
         const legend = root.parentElement?.querySelector('[data-shade]');
@@ -201,6 +212,13 @@ export function Arena(props: Props) {
       });
       for (const other of others) other.line.run.robots.forEach((robot, i) => { svg += drawRobot(view, robot, stateAt(other.line.tracks[i], robot, t), { ghost: `ghost-line s-${other.color}` }); });
       svg += drawMoving(view, line.run, line.tracks, t, { scale: forces ? shown.newton : 0 });
+      if (forces && line.run.robots.length <= VELOCITIES_MAX) line.run.robots.forEach((robot, i) => {
+        const own = `robot.${robot.name}.twist.`, s = stateAt(line.tracks[i], robot, t);
+        const [u, w] = [line.at(own + 'forward', t) || 0, line.at(own + 'left', t) || 0].map(v => v * AHEAD * view.scale);
+        const x = view.x(s.x), y = view.y(s.y);
+        const arrow = Math.hypot(u, w) > 8 ? drawArrow(x, y, x + u * Math.cos(s.yaw) - w * Math.sin(s.yaw), y - u * Math.sin(s.yaw) - w * Math.cos(s.yaw), 8) : null;
+        if (arrow) svg += `<path d="${arrow[0]}" class="velocity"/><path d="${arrow[1]}" class="f-ink"/>`;
+      });
       // The instantaneous center of rotation of a single robot, where it is in the window.
       if (line.run.robots.length === 1) {
         const own = `robot.${line.run.robots[0].name}.`;
@@ -345,19 +363,21 @@ export function ShadeLegend({ studio, shade, choose }: { studio: Studio; shade: 
   const { line } = studio;
   const own = `robot.${line.run.robots[0]?.name}.`;
   const signals = line.scene.signals.filter(s => s.path.startsWith(own));
-  const unit = shade === SPEED ? 'm/s' : line.scene.signals.find(s => s.path === shade)?.unit ?? '';
+  const unit = shade === SPEED ? 'm/s' : shade === TIME ? 's' : line.scene.signals.find(s => s.path === shade)?.unit ?? '';
   return <div class="card shade" data-shade>
     <select aria-label={tr('Color of the trail')} title={tr('Color of the trail')} value={shade} onChange={e => choose((e.target as HTMLSelectElement).value)}>
-      <option value={SPEED}>{tr('speed on the path')}</option>{signals.map(s => <option value={s.path}>{s.path.slice(own.length)}</option>)}
+      <option value={SPEED}>{tr('speed on the path')}</option><option value={TIME}>{tr('time')}</option>{signals.map(s => <option value={s.path}>{s.path.slice(own.length)}</option>)}
     </select><span>{unit === '1' ? '' : unit}</span><b>0</b><i /><b>1</b></div>;
 }
 
 function ArenaView({ host, studio, frame }: ViewProps) {
   const { line, follow, setFollow, measuring, setMeasuring, forces, setForces, stream, run, setPlacing, seek } = studio;
-  const known = (path: unknown) => typeof path === 'string' && line.scene.signals.some(s => s.path === path);
+  const known = (path: unknown) => typeof path === 'string' && (path === SPEED || path === TIME || line.scene.signals.some(s => s.path === path));
   const [shade, setShade] = useState<string>(known(host.settings.shade) ? host.settings.shade as string : SPEED);
-  const chosen = shade === SPEED || known(shade) ? shade : SPEED;
+  const chosen = known(shade) ? shade : SPEED;
   const isSingle = line.run.robots.length === 1;
+  const { terrain } = line.run.arena;
+  const slope = terrain.kind === 'plane' ? terrain.slope_deg : 0;
   return <div class="view">
     <Arena {...studio} shade={chosen} fail={host.fail}
       onBeacon={(name, x, y, gesture) => stream({ do: 'edit', gesture, set: [[`arena.beacon.${name}.position`, `[${x.toFixed(3)}, ${y.toFixed(3)}]`]] })}
@@ -371,7 +391,9 @@ function ArenaView({ host, studio, frame }: ViewProps) {
     </div>
     <Along studio={studio} t={frame.time} />
     <div class="legend">
-      {forces && forceScale(line.run) > 0 && <div class="card" aria-label={tr('Forces')}><svg width="30" height="14" aria-hidden="true"><path d="M0 4h22" style={{ stroke: 'var(--blue)' }} stroke-width="2.2" /><path d="M21 1l7 3l-7 3z" style={{ fill: 'var(--blue)' }} /><path d="M0 11h22" style={{ stroke: 'var(--vermilion)' }} stroke-width="2.2" /><path d="M21 8l7 3l-7 3z" style={{ fill: 'var(--vermilion)' }} /></svg><span class="far">{tr('forces, left and right')}</span>{line.run.arena.friction ? <><svg width="16" height="16" aria-hidden="true"><circle cx="8" cy="8" r="6.5" fill="none" style={{ stroke: 'var(--vermilion)' }} stroke-dasharray="1.5 3" stroke-linecap="round" /></svg>{tr('limit')} μN</> : null}</div>}
+      {forces && line.forceScale > 0 && <div class="card" aria-label={tr('Forces')} data-newtons><svg class="picture" width="30" height="16" aria-hidden="true" /><b /><span class="far">{tr('forces, left and right')}</span>{line.run.arena.friction ? <><svg width="16" height="16" aria-hidden="true"><circle cx="8" cy="8" r="6.5" fill="none" style={{ stroke: 'var(--vermilion)' }} stroke-dasharray="1.5 3" stroke-linecap="round" /></svg>{tr('limit')} μN</> : null}</div>}
+      {forces && line.run.robots.length <= VELOCITIES_MAX && <div class="card far"><svg class="picture" width="26" height="10" aria-hidden="true" dangerouslySetInnerHTML={{ __html: '<path d="M0 5H19" class="velocity"/><path d="M26 5l-8 -4v8z" class="f-ink"/>' }} />{tr('velocity')}, {AHEAD} s</div>}
+      {slope !== 0 && <div class="card" title={tr('downhill')}><svg class="picture" width="26" height="26" viewBox="0 0 36 36" aria-hidden="true" dangerouslySetInnerHTML={{ __html: drawDownhill(line.run, 18, 18) }} /><span class="far">{tr('downhill')}</span> {plain(Math.abs(slope))}°</div>}
       <span class="grow" />
       {isSingle && <ShadeLegend studio={studio} shade={chosen} choose={path => { setShade(path); host.keep({ shade: path }); }} />}
       <div class="card"><svg class="picture" data-bar width="80" height="30" role="img" aria-label={tr('Scale')} /></div>

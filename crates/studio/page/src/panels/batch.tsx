@@ -58,7 +58,7 @@ function BatchView({ host, studio }: ViewProps) {
   const [x0, x1] = range(x), [y0, y1] = range(y);
   const sx = niceStep(x1 - x0, Math.max(3, Math.round(width / 110))), sy = niceStep(y1 - y0, Math.max(3, Math.round(height / 60)));
   // The numbers of the upright axis, and its name beside them.
-  const left = 36 + Math.max(20, ...multiples(y0, y1, sy).map((v: number) => textWidth(tickText(v, sy), 11.5)));
+  const left = 40 + Math.max(20, ...multiples(y0, y1, sy).map((v: number) => textWidth(tickText(v, sy), 11.5)));
   const at = (v: number) => left + (v - x0) / (x1 - x0) * (right - left);
   const up = (v: number) => bottom - (v - y0) / (y1 - y0) * (bottom - BOX.top);
   const shownTrial = about.name.startsWith('trial ') ? about.trial : null;
@@ -125,8 +125,11 @@ function BatchView({ host, studio }: ViewProps) {
       return `<rect x="${px(from)}" y="${px(BOX.top - 4 - la)}" width="${px(w - 1)}" height="${px(la)}" class="f-blue"/><rect x="${px(from)}" y="${px(BOX.top - 4 - la - lb)}" width="${px(w - 1)}" height="${px(lb)}" class="f-vermilion"/>`;
     }).join('');
   };
+  // The upright name is beside the middle of its axis, or as near as there is room for it.
+  const half = textWidth(title(y), 13) / 2 + 4;
+  const middle = Math.min(Math.max((BOX.top + bottom) / 2, half), Math.max(half, height - half));
   svg += rim(x, x0, x1, false) + rim(y, y0, y1, true);
-  svg += label((left + right) / 2, height - 10, title(x), 'bold', 'middle') + `<text class="bold" text-anchor="middle" transform="translate(16 ${px((BOX.top + bottom) / 2)}) rotate(-90)">${title(y)}</text>`;
+  svg += label((left + right) / 2, height - 10, title(x), 'bold', 'middle') + `<text class="bold" text-anchor="middle" transform="translate(15 ${px(middle)}) rotate(-90)">${title(y)}</text>`;
   const pick = (which: 'x' | 'y', now: number) => <label>{which} <select value={now} onChange={e => { const next = { ...of, [which]: Number((e.target as HTMLSelectElement).value) }; choose(next); host.keep({ [which]: next[which] }); }}>{usable.map(k => <option value={k}>{title(k)}</option>)}</select></label>;
   const pointed = hover === null ? null : hover;
   return <div class="view batch-view">

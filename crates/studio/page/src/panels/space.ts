@@ -6,7 +6,7 @@ import {
   LineDashedMaterial, LineSegments, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, PlaneGeometry, RingGeometry, Scene, Shape, SphereGeometry, Vector3, WebGLRenderer, type Material, type Object3D,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
-import { forceScale, outlineOf, sideOf, speedLimit } from '../../../../sim/web/arena.js';
+import { outlineOf, sideOf } from '../../../../sim/web/arena.js';
 import { viridis } from '../../../../sim/web/draw.js';
 import { stateAt, type Robot, type RobotState } from '../../../../sim/web/run.js';
 import { heightOf, jumpAt, type Relief } from '../../../../sim/web/terrain.js';
@@ -249,7 +249,7 @@ export function connect(host: OwnHost): Panel {
     const { line } = host.studio();
     if (trail) { ground.remove(trail); clear(trail); }
     const position: number[] = [], colors: number[] = [], index: number[] = [];
-    const fastest = speedLimit(line.run);
+    const fastest = line.speedLimit;
     for (const tracks of line.tracks) {
       let last: [number, number] | null = null;
       for (let k = 0; k < tracks.time.length; k++) {
@@ -277,7 +277,7 @@ export function connect(host: OwnHost): Panel {
     clear(forces);
     forces = new Group();
     ground.add(forces);
-    const scale = wanted ? forceScale(line.run) : 0;
+    const scale = wanted ? line.forceScale : 0;
     if (!(scale > 0)) return;
     line.run.robots.forEach((robot, i) => robot.wheels.forEach((wheel, k) => {
       const { force, load, heading } = states[i].wheels[k];
