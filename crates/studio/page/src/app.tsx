@@ -60,6 +60,7 @@ export function App() {
 
   const state = link.state;
   const line = state ? link.lines.get(state.active) ?? null : null;
+  const suited = useMemo(() => line ? preferred(line) : [], [line]);
   const about = state?.lines.find(one => one.id === state.active) ?? null;
   const end = line?.end ?? 0;
   const time = useRef<() => number>(() => 0);
@@ -222,7 +223,7 @@ export function App() {
     const ghosts = state.lines.filter(l => l.kind === 'ghost');
     return { about: one, line: link.lines.get(one.id) as Line, color: one.kind === 'ghost' ? GHOSTS[ghosts.indexOf(one) % GHOSTS.length] : 'reference', dash: one.kind === 'ghost' };
   });
-  const specs = plotted[line.scene.name] ?? preferred(line);
+  const specs = plotted[line.scene.name] ?? suited;
   const setSpecs = (next: PlotSpec[] | null) => { const { [line.scene.name]: _, ...rest } = plotted; const all = next ? { ...rest, [line.scene.name]: next } : rest; setPlotted(all); remember('plots', all); };
   const events = about.events.filter(e => e.kind !== 'change').map(e => ({ n: e.n, t: e.t }));
   const t = cursorShown ?? end;

@@ -1,6 +1,6 @@
 // The column of what runs and what can be turned, in the words of the scenario file.
 
-import { useState } from 'preact/hooks';
+import { useMemo, useState } from 'preact/hooks';
 import { significant } from '../../../sim/web/draw.js';
 import type { Line, State } from './net';
 import { tr } from './words';
@@ -24,12 +24,12 @@ export function Side({ state, line, run, at, change, placing, setPlacing }: Prop
     if (!own) return name;
     return name === 'controller' ? `${own.kind}${own.law ? `, ${own.law}` : ''}` : own.file ? `${name} (${own.file})` : `${name}${own.law && own.law !== name ? `, ${own.law}` : ''}`;
   };
-  const all = line.scene.numbers.filter(([path, , can]) => can && (path.startsWith(base) || path.startsWith('terrain.')) && !path.includes('.standby.hand.'));
+  const all = () => line.scene.numbers.filter(([path, , can]) => can && (path.startsWith(base) || path.startsWith('terrain.')) && !path.includes('.standby.hand.'));
   const short = (path: string) => path.replace(base, '').replace(/^platform\./, '');
   const rank = (path: string) => { const s = short(path); const k = FIRST.findIndex(f => ('.' + s).endsWith('.' + f)); return k < 0 ? 99 : k + (s.includes('standby') || s.includes('wheel.right') ? 20 : 0); };
   const words = filter.toLowerCase().split(/\s+/).filter(Boolean);
-  const shown = words.length > 0 ? all.filter(([path]) => words.every(w => path.toLowerCase().includes(w))).slice(0, 40)
-    : all.filter(([path]) => rank(path) < 20).sort((a, b) => rank(a[0]) - rank(b[0])).slice(0, 8);
+  const shown = useMemo(() => words.length > 0 ? all().filter(([path]) => words.every(w => path.toLowerCase().includes(w))).slice(0, 40)
+    : all().filter(([path]) => rank(path) < 20).sort((a, b) => rank(a[0]) - rank(b[0])).slice(0, 8), [line, base, filter]);
   const now = (path: string, first: number) => { for (let k = state.changes.length - 1; k >= 0; k--) if (state.changes[k][1] === path) return state.changes[k][2]; return first; };
   return <aside class="left" aria-label={tr('Controls')}>
     <section id="set-up"><h2>{tr('Set-up')} <kbd>1</kbd></h2>

@@ -118,9 +118,11 @@ function Menu({ studio, spec, change }: { studio: Studio; spec: PlotSpec; change
   const id = useRef(`plot-${Math.random().toString(36).slice(2)}`);
   const kind = spec.kind ?? 'time';
   const choose = (next: PlotSpec | null) => { box.current?.hidePopover(); change(next); };
-  const others = studio.line.scene.signals.filter(s => spec.lines.every(l => l.signal !== s.path));
+  // A hundred robots have thousands of signals: they are listed when someone looks.
+  const [isOpen, setOpen] = useState(false);
+  const others = isOpen || spec.x ? studio.line.scene.signals.filter(s => isOpen ? spec.lines.every(l => l.signal !== s.path) : s.path === spec.x) : [];
   return <><button class="x" popovertarget={id.current} aria-label={`${tr('Plot of')} ${spec.title}: ${tr('more')}`} title={tr('Kind, files, take away')}>⋯</button>
-    <div class="menu" popover="auto" id={id.current} ref={box} onToggle={event => { const element = event.currentTarget as HTMLElement; const button = element.previousElementSibling?.getBoundingClientRect(); if (button) { element.style.left = `${Math.min(button.left, innerWidth - element.offsetWidth - 8)}px`; element.style.top = `${Math.min(button.bottom + 4, innerHeight - element.offsetHeight - 8)}px`; } }}>
+    <div class="menu" popover="auto" id={id.current} ref={box} onToggle={event => { setOpen((event as ToggleEvent).newState === 'open'); const element = event.currentTarget as HTMLElement; const button = element.previousElementSibling?.getBoundingClientRect(); if (button) { element.style.left = `${Math.min(button.left, innerWidth - element.offsetWidth - 8)}px`; element.style.top = `${Math.min(button.bottom + 4, innerHeight - element.offsetHeight - 8)}px`; } }}>
       <div class="choice"><button aria-pressed={kind === 'time'} onClick={() => choose({ ...spec, kind: 'time', x: undefined })}>{tr('Over time')}</button></div>
       <div class="choice"><button aria-pressed={kind === 'spectrum'} onClick={() => choose({ ...spec, kind: 'spectrum', x: undefined })}>{tr('Spectrum')}</button></div>
       <label class="choice">{tr('Against')} <select value={spec.x ?? ''} onChange={e => { const x = (e.target as HTMLSelectElement).value; if (x) choose({ ...spec, kind: 'phase', x }); }}><option value="">…</option>{others.map(s => <option value={s.path}>{shortPath(s.path)}</option>)}</select></label>
@@ -291,12 +293,13 @@ function Plot(props: PlotProps) {
 
 function Signals({ line, add }: { line: Line; add: (path: string) => void }) {
   const [filter, setFilter] = useState('');
+  const [isOpen, setOpen] = useState(false);
   const words = filter.toLowerCase().split(/\s+/).filter(Boolean);
-  const found = line.scene.signals.filter(s => words.every(w => s.path.toLowerCase().includes(w)));
-  return <details class="signals"><summary>{tr('Signals')} <span>{line.scene.signals.length}</span></summary>
+  const found = isOpen ? line.scene.signals.filter(s => words.every(w => s.path.toLowerCase().includes(w))) : [];
+  return <details class="signals" onToggle={event => setOpen((event.currentTarget as HTMLDetailsElement).open)}><summary>{tr('Signals')} <span>{line.scene.signals.length}</span></summary>
     <input type="text" placeholder={tr('find: left torque')} aria-label={tr('Find signals')} value={filter} onInput={e => setFilter((e.target as HTMLInputElement).value)} />
     <ul>{found.slice(0, 200).map(s => <li><button draggable onDragStart={e => e.dataTransfer?.setData('text/plain', s.path)} onClick={() => add(s.path)} title={`${s.path}, ${s.unit}: ${tr('drag it into a plot, or press Enter')}`}>{s.path.replace(/^robot\./, '')}<em>{s.unit}</em></button></li>)}</ul>
-    {found.length === 0 && <p class="empty">{tr('No signal has all these words.')}</p>}
+    {isOpen && found.length === 0 && <p class="empty">{tr('No signal has all these words.')}</p>}
   </details>;
 }
 
