@@ -306,11 +306,10 @@ fn peer_replayed_trials_have_the_figures_of_the_batch() {
         .expect("runs");
     let mut studio =
         Studio::open(&folder, &[], Native::Refused).unwrap_or_else(|error| panic!("{error}"));
-    let rows = std::fs::read_dir(folder.join("trials")).expect("a folder");
-    let rows = rows.map(|entry| entry.expect("an entry").path());
-    let rows = rows
-        .filter(|file| file.extension().is_some_and(|end| end == "parquet"))
-        .next()
+    let entries = std::fs::read_dir(folder.join("trials")).expect("a folder");
+    let rows = entries
+        .map(|entry| entry.expect("an entry").path())
+        .find(|file| file.extension().is_some_and(|end| end == "parquet"))
         .expect("rows");
     let by_rows = Studio::open(&rows, &[], Native::Refused).expect("its rows name a batch");
     assert_eq!(by_rows.batch(), studio.batch());
