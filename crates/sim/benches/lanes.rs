@@ -27,6 +27,8 @@ use appell_sim::scenario::load;
 
 const STEPS: u64 = 2000;
 const ROUNDS: usize = 30;
+/// Trials of a batch: at its end lanes run empty.
+const TRIALS: u64 = 2048;
 
 /// A wheel with a motor; every lane has its own numbers.
 fn wheel<T: Scalar>(name: &str, mount: [f64; 2], rim: Rim<T>) -> Wheel<T> {
@@ -220,7 +222,7 @@ fn batch(base: f64) {
         ]
         .map(|(path, value)| (path.to_owned(), value.to_owned()));
         let vary = [parse("robot.tri.platform.body.mass=normal(9, 0.1)").expect("a draw")];
-        let batch = Batch::new(&file, &overrides, Some(512), &vary, None).expect("a batch");
+        let batch = Batch::new(&file, &overrides, Some(TRIALS), &vary, None).expect("a batch");
         let folder = std::env::temp_dir().join(format!("appell-bench-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
         let store = Store::open(&folder, batch.manifest()).expect("a folder");
@@ -236,7 +238,7 @@ fn batch(base: f64) {
             .figures
             .iter()
             .find(|f| f.name == "time");
-        1e-6 * 512.0 * time.expect("a time").mean * 1e3 / seconds
+        1e-6 * TRIALS as f64 * time.expect("a time").mean * 1e3 / seconds
     };
     println!("batches, all included: building, judging, figures, rows");
     let mut single = 0.0_f64;

@@ -32,6 +32,8 @@ pub const MOTION: [&str; 7] = [
 
 /// Length of time that is run at once, s: what a killed run may lose.
 const WINDOW: f64 = 0.25;
+/// Numbers of rows that are put together at once.
+const WINDOW_NUMBERS: usize = 1 << 18;
 
 /// Robots by count, ready to run.
 pub struct Crowd {
@@ -233,7 +235,10 @@ impl Crowd {
         let step = self.header.step;
         let period = self.period;
         let count = ((WINDOW / step) as u64 / period).max(1);
-        let mut row = vec![0.0; self.header.signals.len()];
+        let width = self.header.signals.len();
+        // Rows are put together side by side, as many as a cache holds.
+        let block = (WINDOW_NUMBERS / width).clamp(1, count as usize);
+        let mut window = vec![0.0; block * width];
         let mut begin = 0;
         loop {
             let until = begin + count * period;
@@ -255,26 +260,36 @@ impl Crowd {
                 .collect();
             events.sort_by(|(a, x), (b, y)| x.t.total_cmp(&y.t).then(a.cmp(b)));
             let mut events = events.into_iter().map(|(_, event)| event).peekable();
-            let rows = (0..count).map(|k| (k as usize, begin + k * period));
-            for (k, tick) in rows.filter(|&(_, tick)| tick < end + u64::from(!is_busy)) {
-                let t = tick as f64 * step;
-                while let Some(event) = events.next_if(|event| event.t <= t) {
-                    recorder.event(&event)?;
+            let kept: Vec<Kept<'_>> = flocks.iter().map(|flock| flock.kept()).collect();
+            let columns = &self.columns;
+            let is_due = |k: &u64| begin + k * period < end + u64::from(!is_busy);
+            let due = (0..count).take_while(is_due).count();
+            for first in (0..due).step_by(block) {
+                let rows = &mut window[..block.min(due - first) * width];
+                self.pool.install(|| {
+                    let rows = rows.par_chunks_mut(width).enumerate();
+                    rows.for_each(|(k, row)| {
+                        kept.iter()
+                            .for_each(|kept| kept.row(first + k, columns, row));
+                    });
+                });
+                for (k, row) in rows.chunks_exact(width).enumerate() {
+                    let t = (begin + (first + k) as u64 * period) as f64 * step;
+                    while let Some(event) = events.next_if(|event| event.t <= t) {
+                        recorder.event(&event)?;
+                    }
+                    recorder.frame(t, row)?;
                 }
-                for flock in flocks.iter() {
-                    flock.row(k, &self.columns, &mut row);
-                }
-                recorder.frame(t, &row)?;
             }
             for event in events {
                 recorder.event(&event)?;
             }
             if !is_busy {
                 if !end.is_multiple_of(period) {
-                    for flock in flocks.iter() {
-                        flock.row(usize::MAX, &self.columns, &mut row);
-                    }
-                    recorder.frame(end as f64 * step, &row)?;
+                    let row = &mut window[..width];
+                    kept.iter()
+                        .for_each(|kept| kept.row(usize::MAX, columns, row));
+                    recorder.frame(end as f64 * step, row)?;
                 }
                 let summary = self.summary(end as f64 * step);
                 let text = serde_json::to_value(&summary).expect("a summary is plain data");
@@ -287,11 +302,13 @@ impl Crowd {
     }
 
     fn summary(&mut self, duration: f64) -> Summary {
-        let mut told: Vec<(usize, RobotSummary, Option<String>)> = self
-            .flocks
-            .iter_mut()
-            .flat_map(|flock| flock.summaries())
-            .collect();
+        let flocks = &mut self.flocks;
+        let mut told: Vec<(usize, RobotSummary, Option<String>)> = self.pool.install(|| {
+            let told = flocks
+                .par_iter_mut()
+                .flat_map_iter(|flock| flock.summaries());
+            told.collect()
+        });
         told.sort_by_key(|(place, ..)| *place);
         let error = told.iter().find_map(|(.., error)| error.clone());
         let robots: Vec<RobotSummary> = told.into_iter().map(|(_, robot, _)| robot).collect();
@@ -377,11 +394,32 @@ trait Flock: Send {
     fn end(&self) -> u64;
     /// Events since they were taken last, with the place of their robot.
     fn take_events(&mut self) -> Vec<(usize, Event)>;
-    /// Writes a row of those kept, or the last one there is, into that of all robots, of which each
-    /// begins at a column.
-    fn row(&self, k: usize, columns: &[usize], row: &mut [f64]);
+    /// What it wrote down of the stretch that it went last.
+    fn kept(&self) -> Kept<'_>;
     /// What became of each, by its place, and what broke it off.
     fn summaries(&mut self) -> Vec<(usize, RobotSummary, Option<String>)>;
+}
+
+/// Rows of a flock.
+struct Kept<'a> {
+    /// Places of its robots among all.
+    places: &'a [usize],
+    /// Its rows, one after the other, and the last that there is.
+    rows: &'a [f64],
+    last: &'a [f64],
+}
+
+impl Kept<'_> {
+    /// Writes a row, or the last one there is, into that of all robots, of which each begins at a column.
+    fn row(&self, k: usize, columns: &[usize], row: &mut [f64]) {
+        let kept = self.rows.chunks_exact(self.last.len()).nth(k);
+        let kept = kept.unwrap_or(self.last);
+        let width = kept.len() / self.places.len();
+        for (&place, own) in self.places.iter().zip(kept.chunks_exact(width)) {
+            let at = columns[place];
+            row[at..at + width].copy_from_slice(own);
+        }
+    }
 }
 
 /// A flock in lanes.
@@ -389,6 +427,8 @@ struct Lanes<T: Scalar> {
     world: World<T>,
     notes: Notes<T>,
     members: Vec<Known>,
+    /// Places of them.
+    places: Vec<usize>,
 }
 
 /// What is left to know of a member that moves.
@@ -507,6 +547,7 @@ impl<T: Scalar<Single = f64>> Lanes<T> {
                 events: Vec::new(),
             },
             world,
+            places: known.iter().map(|member| member.place).collect(),
             members: known,
         }
     }
@@ -558,13 +599,11 @@ impl<T: Scalar> Flock for Lanes<T> {
         self.notes.events.drain(..).map(named).collect()
     }
 
-    fn row(&self, k: usize, columns: &[usize], row: &mut [f64]) {
-        let Notes { last, rows, .. } = &self.notes;
-        let kept = rows.chunks_exact(last.len()).nth(k).unwrap_or(last);
-        let width = self.notes.columns.len();
-        for (member, own) in self.members.iter().zip(kept.chunks_exact(width)) {
-            let at = columns[member.place];
-            row[at..at + width].copy_from_slice(own);
+    fn kept(&self) -> Kept<'_> {
+        Kept {
+            places: &self.places,
+            rows: &self.notes.rows,
+            last: &self.notes.last,
         }
     }
 
@@ -573,6 +612,7 @@ impl<T: Scalar> Flock for Lanes<T> {
             world,
             notes,
             members,
+            ..
         } = self;
         let mut told = Vec::new();
         for (lane, member) in members.iter().enumerate() {
