@@ -21,7 +21,7 @@ use appell_model::scalar::Scalar;
 use appell_model::wheel::{Rim, Steering, Wheel};
 use appell_sim::batch::{Batch, Crew, Shard, Store, parse, sum_up};
 use appell_sim::crowd::Crowd;
-use appell_sim::record::{Event, Header, RecordError, Recorder};
+use appell_sim::record::Nothing;
 use appell_sim::run::Metric;
 use appell_sim::scenario::load;
 
@@ -296,27 +296,6 @@ fn peers([base, bare, narrow]: [f64; 3]) {
                 narrow / speed
             );
         }
-    }
-}
-
-/// Records nothing.
-struct Nothing;
-
-impl Recorder for Nothing {
-    fn begin(&mut self, _header: &Header) -> Result<(), RecordError> {
-        Ok(())
-    }
-
-    fn frame(&mut self, _t: f64, _row: &[f64]) -> Result<(), RecordError> {
-        Ok(())
-    }
-
-    fn event(&mut self, _event: &Event) -> Result<(), RecordError> {
-        Ok(())
-    }
-
-    fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
-        Ok(())
     }
 }
 

@@ -2,28 +2,9 @@
 
 use std::path::Path;
 
-use appell_sim::record::{Event, Header, RecordError, Recorder};
+use appell_sim::record::Nothing;
 use appell_sim::run::Run;
 use appell_sim::scenario;
-use serde_json::Value;
-
-/// Takes rows and forgets them.
-struct Nothing;
-
-impl Recorder for Nothing {
-    fn begin(&mut self, _: &Header) -> Result<(), RecordError> {
-        Ok(())
-    }
-    fn frame(&mut self, _: f64, _: &[f64]) -> Result<(), RecordError> {
-        Ok(())
-    }
-    fn event(&mut self, _: &Event) -> Result<(), RecordError> {
-        Ok(())
-    }
-    fn finish(&mut self, _: &Value) -> Result<(), RecordError> {
-        Ok(())
-    }
-}
 
 /// Two seconds of each scenario, from the first step, with all sensors, controllers and rows. A
 /// judge writes text when something happens, so nothing happens in these two seconds.

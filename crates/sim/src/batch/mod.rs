@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::foreign::digests;
-use crate::record::{Event, Header, RecordError, Recorder};
+use crate::record::{Nothing, Recorder};
 use crate::run::{NarrowRun, Outcome, Plans, Run, Summary, hash};
 use crate::scenario::{
     self, Diagnostic, Diagnostics, Draw, Loaded, Overrides, Precision, Sampling, Template, Vary,
@@ -230,24 +230,6 @@ pub enum BatchError {
         /// What to do.
         hint: &'static str,
     },
-}
-
-/// Takes a run and keeps nothing.
-struct Nothing;
-
-impl Recorder for Nothing {
-    fn begin(&mut self, _header: &Header) -> Result<(), RecordError> {
-        Ok(())
-    }
-    fn frame(&mut self, _t: f64, _row: &[f64]) -> Result<(), RecordError> {
-        Ok(())
-    }
-    fn event(&mut self, _event: &Event) -> Result<(), RecordError> {
-        Ok(())
-    }
-    fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
-        Ok(())
-    }
 }
 
 impl Batch {

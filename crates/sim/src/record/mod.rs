@@ -151,6 +151,25 @@ pub trait Recorder: Send {
     fn finish(&mut self, summary: &serde_json::Value) -> Result<(), RecordError>;
 }
 
+/// Takes a run and keeps nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct Nothing;
+
+impl Recorder for Nothing {
+    fn begin(&mut self, _header: &Header) -> Result<(), RecordError> {
+        Ok(())
+    }
+    fn frame(&mut self, _t: f64, _row: &[f64]) -> Result<(), RecordError> {
+        Ok(())
+    }
+    fn event(&mut self, _event: &Event) -> Result<(), RecordError> {
+        Ok(())
+    }
+    fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
+        Ok(())
+    }
+}
+
 /// Writes to several recorders.
 pub struct Fan {
     /// Recorders of files.

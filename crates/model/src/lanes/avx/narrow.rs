@@ -3,6 +3,19 @@
 use super::*;
 use crate::lanes::narrow::{Bits as NarrowBits, Halves, halves};
 
+/// Columns of rows, by halves in double precision.
+#[inline(always)]
+fn by_halves<T: Halves>(rows: &[&[f64; 8]; LANES_MAX]) -> [T; 8] {
+    let mut after = *rows;
+    after.copy_within(<T::Wide as Scalar>::LANES.., 0);
+    let (low, high) = (T::Wide::columns(rows), T::Wide::columns(&after));
+    let mut columns = [T::zero(); 8];
+    for k in 0..8 {
+        columns[k] = T::narrowed([low[k], high[k]]);
+    }
+    columns
+}
+
 bit_mask!(
     /// Sixteen truth values.
     NarrowMask16, __mmask16, 16
@@ -28,14 +41,7 @@ register! {
 impl Narrow8 {
     #[inline(always)]
     fn transposed(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
-        let mut after = *rows;
-        after.copy_within(4.., 0);
-        let (low, high) = (Avx4::transposed(rows), Avx4::transposed(&after));
-        let mut columns = [Self::from(0.0); 8];
-        for k in 0..8 {
-            columns[k] = Self::narrowed([low[k], high[k]]);
-        }
-        columns
+        by_halves(rows)
     }
 
     #[inline(always)]
@@ -129,14 +135,7 @@ register! {
 impl Narrow16 {
     #[inline(always)]
     fn transposed(rows: &[&[f64; 8]; LANES_MAX]) -> [Self; 8] {
-        let mut after = *rows;
-        after.copy_within(8.., 0);
-        let (low, high) = (Avx8::transposed(rows), Avx8::transposed(&after));
-        let mut columns = [Self::from(0.0); 8];
-        for k in 0..8 {
-            columns[k] = Self::narrowed([low[k], high[k]]);
-        }
-        columns
+        by_halves(rows)
     }
 
     #[inline(always)]
