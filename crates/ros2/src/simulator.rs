@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use appell_sim::change::Session;
-use appell_sim::record::{Event, Header, RecordError, Recorder};
+use appell_sim::record::{Closing, Event, Header, RecordError, Recorder};
 use appell_sim::ros::message::{Message, kind};
 use appell_sim::ros::{Speaker, Topic};
 use appell_sim::run::Run;
@@ -126,7 +126,7 @@ impl Recorder for Listener<'_> {
         self.tape.as_mut().map_or(Ok(()), |tape| tape.event(&event))
     }
 
-    fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
+    fn finish(&mut self, _summary: Closing<'_>) -> Result<(), RecordError> {
         Ok(())
     }
 }

@@ -82,7 +82,7 @@ impl Tape {
     pub fn close(mut self, summary: &Summary) -> Result<(), String> {
         let value = serde_json::to_value(summary).expect("a summary is plain data");
         self.recorder
-            .finish(&value)
+            .finish(&|| value.clone())
             .map_err(|error| error.to_string())?;
         let text = serde_json::to_string_pretty(&value).expect("plain data") + "\n";
         let memory = self.recorder.memory.expect("recorded for the report");

@@ -14,10 +14,9 @@ use appell_model::integrate::{Exponential, RungeKutta4};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::Scalar;
 use appell_sim::build::{self, DriveModel};
-use appell_sim::record::{Event, Header, Mcap, RecordError, Recorder};
+use appell_sim::record::{Closing, Event, Header, Mcap, RecordError, Recorder};
 use appell_sim::run::Run;
 use appell_sim::scenario::{self, Integrator};
-use serde_json::Value;
 
 const STEPS: usize = 20_000;
 /// Steps for which a command is held: a controller at 100 Hz.
@@ -162,7 +161,7 @@ impl Recorder for Nothing {
     fn event(&mut self, _: &Event) -> Result<(), RecordError> {
         Ok(())
     }
-    fn finish(&mut self, _: &Value) -> Result<(), RecordError> {
+    fn finish(&mut self, _: Closing<'_>) -> Result<(), RecordError> {
         Ok(())
     }
 }

@@ -4,6 +4,7 @@
 use std::collections::VecDeque;
 
 use appell_model::lanes::{AnyLanes, dispatch};
+use appell_model::math::wrap_angle;
 use appell_model::scalar::{Mask, Scalar};
 use rayon::prelude::*;
 
@@ -12,7 +13,7 @@ use crate::build::Values;
 use crate::drawing::drawing;
 use crate::layout::Assignment;
 use crate::meter::Meter;
-use crate::plan::Path;
+use crate::plan::{Path, SpeedLimits};
 use crate::record::{Event, Header, RecordError, Recorder};
 use crate::run::{Account, Outcome, Plans, RobotSummary, Summary, assemble, fingerprint, refuse};
 use crate::scenario::{self, Diagnostic, Diagnostics, Loaded, Robot, Scenario, Template};
@@ -98,8 +99,8 @@ struct Member {
     /// What is drawn of it beside the robot.
     path: Option<Path>,
     assignment: Option<Assignment>,
-    /// Length of its path, m; zero without one.
-    way: f64,
+    /// How long it is expected to take, s; zero without a path.
+    expected: f64,
     /// Whether all its signals are recorded.
     is_whole: bool,
 }
@@ -157,7 +158,7 @@ impl Crowd {
             for member in built {
                 let mut member = member?;
                 member.place = alone.robot.len();
-                member.way = member.path.as_ref().map_or(0.0, |path| path.length);
+                member.expected = expected(&member);
                 paths.push(member.path.take());
                 assignments.push(member.assignment.take());
                 integrators.extend(member.integrators.clone());
@@ -168,8 +169,8 @@ impl Crowd {
                 members.push_back(member);
             }
             // Those that take equally long share lanes, which would wait for the last of them.
-            let by_way = |a: &Member, b: &Member| a.way.total_cmp(&b.way);
-            members.make_contiguous().sort_by(by_way);
+            let sooner = |a: &Member, b: &Member| a.expected.total_cmp(&b.expected);
+            members.make_contiguous().sort_by(sooner);
             while !members.is_empty() {
                 let maker = Gather {
                     members: &mut members,
@@ -292,8 +293,7 @@ impl Crowd {
                     recorder.frame(end as f64 * step, row)?;
                 }
                 let summary = self.summary(end as f64 * step);
-                let text = serde_json::to_value(&summary).expect("a summary is plain data");
-                recorder.finish(&text)?;
+                recorder.finish(&|| serde_json::to_value(&summary).expect("plain data"))?;
                 return Ok(summary);
             }
             begin = until;
@@ -314,6 +314,23 @@ impl Crowd {
         let robots: Vec<RobotSummary> = told.into_iter().map(|(_, robot, _)| robot).collect();
         Summary::of(&self.scenario, &self.header.hash, duration, robots, error)
     }
+}
+
+/// How long a robot is about to take, s: along its path, after it has turned on the spot.
+fn expected(member: &Member) -> f64 {
+    let robot = &member.loaded.scenario.robot[0];
+    let tuning = robot.controllers().find_map(|(_, one)| one.follower());
+    let (Some(path), Some(tuning)) = (&member.path, tuning) else {
+        return 0.0;
+    };
+    let limits = SpeedLimits {
+        speed: tuning.speed,
+        acceleration: tuning.acceleration,
+        lateral_acceleration: tuning.lateral_acceleration,
+        yaw_rate: tuning.yaw_rate,
+    };
+    let turn = wrap_angle(path.heading[0] - robot.pose[2]).abs();
+    path.duration(&limits) + turn / tuning.yaw_rate
 }
 
 /// Builds a robot; its place among all is still to be said.
@@ -341,7 +358,7 @@ fn build(
         parts: assembly.parts,
         path: path.map(|path| Path::clone(&path)),
         assignment: assembly.assignments.into_iter().next().flatten(),
-        way: 0.0,
+        expected: 0.0,
         is_whole: robot.count == 1,
     })
 }

@@ -9,14 +9,14 @@ mod geometry;
 mod glance;
 
 use crate::layout::{Assignment, Beacon, Goal, Layout, RouteGoal};
-use appell_model::scalar::Scalar;
+use appell_model::scalar::{Mask, Scalar};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use geometry::{
     Crossing, Line, between, difference, distance, dot, segment_distance, wall_distance,
 };
 use geometry::{leave_fraction, lift, touch_fraction, turn, value, within};
-pub(crate) use glance::{Glance, Rings};
+pub(crate) use glance::{Glance, Rings, Watch};
 
 /// Where a task stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,13 +40,23 @@ pub struct TaskEvent {
     pub text: String,
 }
 
+/// Where a robot is seen: time, s, and axle midpoint, world frame, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Sample<S> {
-    t: S,
-    position: [S; 2],
+pub(crate) struct Sample<S> {
+    pub t: S,
+    pub position: [S; 2],
 }
 
 impl<S: Scalar> Sample<S> {
+    /// That of one lane.
+    pub fn single(self, lane: usize) -> Sample<S::Single> {
+        let [x, y] = self.position;
+        Sample {
+            t: self.t.single(lane),
+            position: [x.single(lane), y.single(lane)],
+        }
+    }
+
     fn towards(self, next: Sample<S>, fraction: S) -> Sample<S> {
         let t = self.t + fraction * (next.t - self.t);
         Sample {
@@ -67,8 +77,6 @@ enum Task<S> {
         hold: f64,
         /// Begin of the present stop.
         stop: Option<Sample<S>>,
-        /// Present distance to the beacon.
-        away: S,
     },
     Gate {
         /// The chord; offsets on it run from b₁ to b₂ in negative direction.
@@ -80,8 +88,6 @@ enum Task<S> {
         exit: f64,
         /// Valid crossing: whether forward, distance from b₁.
         crossing: Option<(bool, S)>,
-        /// Present signed distance from the chord.
-        beyond: S,
     },
     Eight {
         pair: [usize; 2],
@@ -167,7 +173,6 @@ impl<S: Scalar> Task<S> {
                 speed,
                 hold,
                 stop: None,
-                away: S::zero(),
             },
             Goal::Gate {
                 pair,
@@ -183,7 +188,6 @@ impl<S: Scalar> Task<S> {
                     direction,
                     exit,
                     crossing: None,
-                    beyond: S::zero(),
                 }
             }
             Goal::Eight { pair, laps, close } => {
@@ -224,6 +228,10 @@ impl<S: Scalar> Task<S> {
     }
 }
 
+/// How much nearer than it is a robot is taken to be to where its task goes on, m: more than rounding
+/// makes of its ways in single precision.
+const MARGIN: f64 = 1e-3;
+
 /// Incremental judge of one attempt; its whole state can be cloned, saved and restored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Judge<S = f64> {
@@ -232,15 +240,13 @@ pub struct Judge<S = f64> {
     collision_radius: f64,
     task: Task<S>,
     first: Option<Sample<S>>,
-    last: Option<Sample<S>>,
+    /// What is watched whatever the task is; in a world its lanes are what is true.
+    pub(crate) watch: Watch<S>,
     verdict: Verdict,
+    /// Where the robot was when the verdict fell; on contact before it.
+    decided: Option<[S; 2]>,
     reason: String,
     events: Vec<TaskEvent>,
-    /// Smallest distance between the disc and a beacon: distance, time, beacon.
-    clearance: Option<(S, S, usize)>,
-    /// Smallest distance between the disc and a wall: distance, time.
-    wall_clearance: Option<(S, S)>,
-    path_length: S,
 }
 
 impl<S: Scalar> Judge<S> {
@@ -270,13 +276,11 @@ impl<S: Scalar> Judge<S> {
             collision_radius: layout.collision_radius,
             task,
             first: None,
-            last: None,
+            watch: Watch::new(),
             verdict: Verdict::Running,
+            decided: None,
             reason: String::new(),
             events: Vec::new(),
-            clearance: None,
-            wall_clearance: None,
-            path_length: S::zero(),
         }
     }
 
@@ -285,59 +289,85 @@ impl<S: Scalar> Judge<S> {
     /// Times must increase. After the verdict is final samples are ignored. Allocates only when
     /// something happens.
     pub fn observe(&mut self, t: S, position: [S; 2], speed: S) -> Verdict {
+        if self.verdict != Verdict::Running {
+            return self.verdict;
+        }
+        let every = S::Mask::splat(true);
+        if self.first.is_none() {
+            self.watch.begin(position, every);
+        }
+        let previous = self.watch.last;
         let arena = lift(self.arena);
         let radius = S::from(self.collision_radius);
-        let mut glance = Glance::of_walls(arena, radius, self.before(position), position);
+        let mut glance = Glance::of_walls(arena, radius, previous.position, position);
         for (index, beacon) in self.beacons.iter().enumerate() {
             let center = lift(beacon.position);
             glance.pass(index, center, [radius, S::from(beacon.radius)]);
         }
-        self.take(t, speed, &glance)
-    }
-
-    /// Where it saw the robot last, m; `position` where it has not yet.
-    pub(crate) fn before(&self, position: [S; 2]) -> [S; 2] {
-        self.last.map_or(position, |last| last.position)
-    }
-
-    /// The same for what is seen of the way to the sample already.
-    pub(crate) fn take(&mut self, t: S, speed: S, glance: &Glance<S>) -> Verdict {
-        if self.verdict != Verdict::Running {
-            return self.verdict;
+        if self.watch.pass(t, speed, &glance, every).any() {
+            self.decide(previous, t, speed, &glance);
         }
+        self.verdict
+    }
+
+    /// Decides on a sample that its [`Watch`] has seen, and that may be of importance.
+    pub(crate) fn decide(&mut self, previous: Sample<S>, t: S, speed: S, glance: &Glance<S>) {
         let position = glance.to;
         let now = Sample { t, position };
-        let previous = self.last.unwrap_or(now);
+        let mut seen = now;
         if ![t, position[0], position[1], speed]
             .iter()
             .all(|z| value(*z).is_finite())
         {
+            seen = previous;
             self.fail(previous, "motion is not finite".into());
-            return self.verdict;
+        } else {
+            let first = *self.first.get_or_insert(now);
+            if value(glance.gap) < 0.0 || value(glance.wall) < 0.0 {
+                seen = previous;
+                self.touch(previous, now, value(glance.wall) < 0.0);
+            }
+            if self.verdict == Verdict::Running {
+                seen = now;
+                self.advance(first, previous, now, speed);
+            }
         }
-        let first = *self.first.get_or_insert(now);
-        self.path_length += glance.way;
-        self.watch(previous, now, glance);
         if self.verdict == Verdict::Running {
-            self.advance(first, previous, now, speed);
+            self.watch.calm = S::from(self.calm(position) - MARGIN);
+        } else {
+            self.decided = Some(seen.position);
         }
-        self.last = Some(now);
-        self.verdict
     }
 
-    /// Updates the clearances and fails on contact.
-    fn watch(&mut self, previous: Sample<S>, now: Sample<S>, glance: &Glance<S>) {
-        let is_smallest = |(smallest, ..): (S, S, usize)| value(glance.gap) < value(smallest);
-        if !self.beacons.is_empty() && self.clearance.is_none_or(is_smallest) {
-            self.clearance = Some((glance.gap, now.t, value(glance.beacon) as usize));
+    /// How far the robot can go from here before anything can become of its task, m.
+    fn calm(&self, here: [S; 2]) -> f64 {
+        match &self.task {
+            Task::Homing {
+                beacon,
+                distance: reach,
+                stop: None,
+                ..
+            } => value(distance(here, lift(self.beacons[*beacon].position))) - reach,
+            Task::Gate {
+                line,
+                crossing: None,
+                ..
+            } => value(line.distance(here)).abs(),
+            Task::Slalom { lines, offsets, .. } => match lines.get(offsets.len()) {
+                Some(next) => value(next.distance(here)).abs(),
+                None => S::LARGEST,
+            },
+            Task::Free => S::LARGEST,
+            // Held in time, or summed up along the way.
+            Task::Homing { .. } | Task::Gate { .. } | Task::Eight { .. } | Task::Route { .. } => {
+                0.0
+            }
         }
-        let is_smallest = |(smallest, _): (S, S)| value(glance.wall) < value(smallest);
-        if self.wall_clearance.is_none_or(is_smallest) {
-            self.wall_clearance = Some((glance.wall, now.t));
-        }
-        if value(glance.gap) < 0.0 || value(glance.wall) < 0.0 {
-            self.touch(previous, now, value(glance.wall) < 0.0);
-        }
+    }
+
+    /// Where the robot was seen last, or when the verdict fell.
+    fn here(&self) -> [S; 2] {
+        self.decided.unwrap_or(self.watch.last.position)
     }
 
     /// Fails at what is touched first: a beacon, or where the robot leaves the arena, a wall.
@@ -391,13 +421,12 @@ impl<S: Scalar> Judge<S> {
             speed,
             hold,
             ref mut stop,
-            ref mut away,
         } = self.task
         else {
             return;
         };
-        *away = distance(now.position, lift(self.beacons[beacon].position));
-        if value(*away) > reach || value(speed_now).abs() > speed {
+        let away = distance(now.position, lift(self.beacons[beacon].position));
+        if value(away) > reach || value(speed_now).abs() > speed {
             *stop = None;
             return;
         }
@@ -405,7 +434,7 @@ impl<S: Scalar> Judge<S> {
         // The tolerance on time is the scorer's.
         if value(now.t) > value(first.t) && value(now.t) - value(begin.t) >= hold - 1e-9 {
             let name = &self.beacons[beacon].name;
-            let text = format!("stopped at {name}, {:.3} m from its center", value(*away));
+            let text = format!("stopped at {name}, {:.3} m from its center", value(away));
             let stay = format!("{text}, and stayed for {hold} s");
             self.pass(begin, text, stay);
         }
@@ -418,13 +447,11 @@ impl<S: Scalar> Judge<S> {
             reach,
             direction,
             crossing,
-            beyond,
             ..
         } = &mut self.task
         else {
             return;
         };
-        *beyond = line.distance(now.position);
         if let Some(new) = line.crossing(previous.position, now.position) {
             let place = -new.offset;
             let along = value(place);
@@ -451,16 +478,16 @@ impl<S: Scalar> Judge<S> {
     /// Passes once the robot is clear of the gate that it crossed.
     fn leave_gate(&mut self, now: Sample<S>) {
         let Task::Gate {
+            line,
             length,
             exit,
             crossing: Some((forward, place)),
-            beyond,
             ..
         } = &self.task
         else {
             return;
         };
-        let beyond = value(*beyond);
+        let beyond = value(line.distance(now.position));
         let side = if *forward { beyond } else { -beyond };
         if side >= *exit {
             let error = (value(*place) - *length / 2.0).abs();
@@ -637,6 +664,11 @@ impl<S: Scalar> Judge<S> {
         self.tell(at, text);
     }
 
+    /// Distance to a beacon, m.
+    fn away(&self, beacon: usize) -> S {
+        distance(self.here(), lift(self.beacons[beacon].position))
+    }
+
     /// The verdict so far.
     pub fn verdict(&self) -> Verdict {
         self.verdict
@@ -648,6 +680,11 @@ impl<S: Scalar> Judge<S> {
             Verdict::Running => self.timeout_reason(),
             Verdict::Passed | Verdict::Failed => self.reason.clone(),
         }
+    }
+
+    /// Whether there are events to be handed over.
+    pub(crate) fn has_events(&self) -> bool {
+        !self.events.is_empty()
     }
 
     /// Hands over the events since the last call, oldest first.
@@ -665,33 +702,30 @@ impl<S: Scalar> Judge<S> {
                 speed,
                 hold,
                 stop,
-                away,
             } => {
                 let name = &self.beacons[*beacon].name;
+                let away = value(self.away(*beacon));
                 match stop {
                     Some(begin) => format!(
                         "stopped at {name} at t = {:.3} s, but had to stay for {hold} s",
                         value(begin.t)
                     ),
-                    None if value(*away) <= *distance => {
+                    None if away <= *distance => {
                         format!("came to {name}, but did not slow down to {speed} m/s")
                     }
                     None => {
-                        format!(
-                            "ended {:.3} m from {name}, had to stop within {distance} m",
-                            value(*away)
-                        )
+                        format!("ended {away:.3} m from {name}, had to stop within {distance} m")
                     }
                 }
             }
             Task::Gate {
+                line,
                 crossing,
                 exit,
-                beyond,
                 ..
             } => match crossing {
                 Some((forward, _)) => {
-                    let beyond = value(*beyond);
+                    let beyond = value(line.distance(self.here()));
                     let side = if *forward { beyond } else { -beyond };
                     format!("crossed the gate, but was {side:.3} m beyond it, had to be {exit} m")
                 }
@@ -744,35 +778,36 @@ impl<S: Scalar> Judge<S> {
     /// `offset` for each passage, in order, positive to the left.
     pub fn metrics(&self) -> Vec<(&'static str, S, &'static str)> {
         let mut metrics = Vec::new();
-        if let Some((gap, t, beacon)) = self.clearance {
-            metrics.push(("beacon clearance", gap, "m"));
-            metrics.push(("beacon clearance time", t, "s"));
-            metrics.push(("beacon clearance index", S::from(beacon as f64), ""));
+        if self.first.is_some() {
+            let watch = &self.watch;
+            if !self.beacons.is_empty() {
+                metrics.push(("beacon clearance", watch.gap, "m"));
+                metrics.push(("beacon clearance time", watch.gap_time, "s"));
+                metrics.push(("beacon clearance index", watch.beacon, ""));
+            }
+            metrics.push(("wall clearance", watch.wall, "m"));
+            metrics.push(("wall clearance time", watch.wall_time, "s"));
         }
-        if let Some((gap, t)) = self.wall_clearance {
-            metrics.push(("wall clearance", gap, "m"));
-            metrics.push(("wall clearance time", t, "s"));
-        }
-        metrics.push(("path length", self.path_length, "m"));
+        metrics.push(("path length", self.watch.way, "m"));
         match &self.task {
             Task::Free => {}
-            Task::Homing { stop, away, .. } => {
+            Task::Homing { beacon, stop, .. } => {
                 if let Some(begin) = stop {
                     metrics.push(("settle time", begin.t, "s"));
                 }
-                metrics.push(("distance to beacon", *away, "m"));
+                metrics.push(("distance to beacon", self.away(*beacon), "m"));
             }
             Task::Gate {
+                line,
                 length,
                 crossing,
-                beyond,
                 ..
             } => {
                 if let Some((_, along)) = crossing {
                     let error = (*along - S::from(length / 2.0)).abs();
                     metrics.push(("center error", error, "m"));
                 }
-                metrics.push(("distance from gate", *beyond, "m"));
+                metrics.push(("distance from gate", line.distance(self.here()), "m"));
             }
             Task::Eight { windings, gap, .. } => {
                 metrics.push(("first winding", S::from(windings[0]), ""));

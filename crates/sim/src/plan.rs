@@ -145,7 +145,7 @@ impl Path {
     }
 
     /// Time to follow the path within the limits, s.
-    fn duration(&self, limits: &SpeedLimits) -> f64 {
+    pub(crate) fn duration(&self, limits: &SpeedLimits) -> f64 {
         let speed = self.speed_profile(limits);
         speed
             .windows(2)

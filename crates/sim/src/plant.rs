@@ -14,10 +14,10 @@ use appell_model::kinematic::Kinematic;
 use appell_model::lanewise::Lanewise;
 use appell_model::math::hypot;
 use appell_model::planar::vec2;
-use appell_model::platform::{BODY_OUTPUTS, LEDGER, Layout, Platform, WheelOutput, YAW};
+use appell_model::platform::{LEDGER, Layout, Platform};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
-use appell_model::slip::SLIP_OUTPUTS;
+use appell_model::wide::{Job, widest};
 
 use crate::block::{
     Block, BlockError, Detail, Now, Port, Recovery, finite_lanes, restore_numbers, save_numbers,
@@ -26,8 +26,8 @@ use crate::scenario::{Integrator, Level};
 
 pub use alone::Contacts;
 use alone::{Alone, Motion, on_footing, sliding, underivable};
+use ports::{Show, Sources, contact_ports, ports};
 pub use ports::{command_signal, steering_signal};
-use ports::{contact_ports, draws, ports};
 
 /// A platform that moves.
 pub struct Plant<T: Scalar = f64> {
@@ -43,8 +43,7 @@ pub struct Plant<T: Scalar = f64> {
     /// Where each command, and the brake, stand in the model's input.
     commands: Vec<usize>,
     brake: usize,
-    /// Whether more wheels are driven than there are directions to go.
-    is_overdriven: bool,
+    sources: Sources,
     /// Step of the physics, s.
     step: f64,
     /// Mechanical and magnetic energy at the start, J: where the ledger begins.
@@ -229,7 +228,20 @@ impl<T: Scalar> Plant<T> {
             }
         }
         let y = vec![T::zero(); system.outputs()];
+        let (has_forces, tips) = (system.has_forces(), system.tips());
+        let sources = match &system {
+            System::Alone(s) => {
+                let mut sources =
+                    Sources::new(s.platform(), has_forces, s.attitude(), is_overdriven, tips);
+                if let Some(at) = s.contacts() {
+                    sources.add_contacts(s.platform(), at, s.travel());
+                }
+                sources
+            }
+            _ => Sources::new(system.platform(), has_forces, None, is_overdriven, tips),
+        };
         let mut plant = Plant {
+            sources,
             name: prefix,
             system,
             method,
@@ -241,7 +253,6 @@ impl<T: Scalar> Plant<T> {
             y,
             commands,
             brake: layout.brake_input(),
-            is_overdriven,
             step: numerics.step,
             energy_start: T::zero(),
         };
@@ -611,76 +622,22 @@ impl<T: Scalar> Block<T> for Plant<T> {
     fn observe(&mut self, input: &[T], detail: Detail, output: &mut [T]) {
         self.take_input(input);
         self.look(detail == Detail::Motion);
-        let y = &self.y;
-        let layout = self.layout();
-        let mut at = 0;
-        let mut put = |value: T| {
-            output[at] = value;
-            at += 1;
-        };
-        for k in [0, 1, YAW] {
-            put(self.x[k]);
-        }
-        y[..3].iter().copied().for_each(&mut put);
-        let mut swivel = 0;
-        for i in 0..layout.wheels {
-            put(self.x[layout.spin(i)]);
-            put(y[layout.wheel_output(i, WheelOutput::SpinRate)]);
-            if layout.swivels.get(swivel) == Some(&i) {
-                put(self.x[layout.swivel(swivel)]);
-                put(y[layout.wheel_output(i, WheelOutput::SteeringRate)]);
-                swivel += 1;
-            }
-        }
-        if let Some(at) = self.system.attitude() {
-            self.x[at..at + 3].iter().copied().for_each(&mut put);
-        }
-        if detail == Detail::Motion {
-            return;
-        }
-        if !self.system.has_forces() {
-            if self.is_overdriven {
-                put(y[BODY_OUTPUTS - 1]);
-            }
-            return;
-        }
-        for (i, wheel) in self.system.platform().wheels().iter().enumerate() {
-            if command_signal(&wheel.drive).is_some() {
-                put(y[layout.wheel_output(i, WheelOutput::Torque)]);
-            }
-            if matches!(wheel.drive, appell_model::drive::Drive::DcMotor(_)) {
-                put(y[layout.wheel_output(i, WheelOutput::Current)]);
-            }
-            put(y[layout.wheel_output(i, WheelOutput::Longitudinal)]);
-            put(y[layout.wheel_output(i, WheelOutput::Lateral)]);
-            put(y[layout.wheel_output(i, WheelOutput::Load)]);
-        }
-        y[3..6].iter().copied().for_each(&mut put);
-        let ledger = &self.x[layout.ledger()..layout.ledger() + LEDGER];
-        let &[supplied, windings, gears, friction] = ledger else {
-            unreachable!("the ledger has four entries");
-        };
-        for value in [supplied, windings, gears, friction] {
-            put(value);
-        }
-        // What the ledger does not explain: zero but for the integrator.
-        let stored = y[3] + y[4] + y[5] - self.energy_start;
-        put(stored - (supplied - windings - gears - friction));
-        if self.system.tips() {
-            put(y[6]);
-        }
-        if let System::Alone(system) = &self.system
-            && let Some(at) = system.contacts()
-        {
-            let contacts = y[at..].chunks_exact(SLIP_OUTPUTS);
-            for (wheel, contact) in system.platform().wheels().iter().zip(contacts) {
-                if draws(wheel) {
-                    contact.iter().copied().for_each(&mut put);
-                }
-            }
-            if let Some(at) = system.travel() {
-                y[at..at + layout.wheels].iter().copied().for_each(&mut put);
-            }
+        widest::<T, _>(Show {
+            sources: &self.sources,
+            detail,
+            x: &self.x,
+            y: &self.y,
+            output,
+        });
+        if let (Detail::Everything, Some(at)) = (detail, self.sources.residual) {
+            let &[supplied, windings, gears, friction] =
+                &self.x[self.layout().ledger()..][..LEDGER]
+            else {
+                unreachable!("the ledger has four entries");
+            };
+            // What the ledger does not explain: zero but for the integrator.
+            let stored = self.y[3] + self.y[4] + self.y[5] - self.energy_start;
+            output[at] = stored - (supplied - windings - gears - friction);
         }
     }
 
@@ -761,11 +718,33 @@ impl<T: Scalar> Block<T> for Plant<T> {
 impl<T: Scalar> Plant<T> {
     /// Ports to the model's input vector: the commands in order, then the brake.
     fn take_input(&mut self, input: &[T]) {
-        for (k, &at) in self.commands.iter().enumerate() {
-            self.u[at] = input[k];
+        widest::<T, _>(Take {
+            commands: &self.commands,
+            brake: self.brake,
+            input,
+            u: &mut self.u,
+        });
+    }
+}
+
+/// See [`Plant::take_input`].
+struct Take<'a, T> {
+    commands: &'a [usize],
+    brake: usize,
+    input: &'a [T],
+    u: &'a mut [T],
+}
+
+impl<T: Scalar> Job for Take<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let count = self.commands.len();
+        for k in 0..count {
+            self.u[self.commands[k]] = self.input[k];
         }
-        let brake = input[self.commands.len()];
-        self.u[self.brake] = brake.max(T::zero()).min(T::one());
+        self.u[self.brake] = self.input[count].max(T::zero()).min(T::one());
     }
 }
 

@@ -585,9 +585,8 @@ impl Run {
             return Err(error);
         }
         let summary = self.summary(&meter, result.as_ref().err());
-        let text = serde_json::to_value(&summary).expect("a summary is plain data");
         // What was recorded until a failure is closed in order.
-        recorder.finish(&text)?;
+        recorder.finish(&|| serde_json::to_value(&summary).expect("plain data"))?;
         Ok(summary)
     }
 
@@ -676,7 +675,7 @@ impl Account<'_> {
             .zip(self.integrators)
             .enumerate()
             .map(|(k, ((robot, referee), integrator))| {
-                let judge = &referee.judges[lane];
+                let judge = &referee.judge(lane);
                 let (verdict, reason) = match (referee.has_task, judge.verdict()) {
                     (_, Verdict::Failed) if referee.has_task => (Outcome::Failed, judge.reason()),
                     (true, Verdict::Passed) => (Outcome::Passed, judge.reason()),

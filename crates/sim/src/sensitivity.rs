@@ -269,7 +269,7 @@ fn run<S: Scalar<Single = S>>(
     let mut verdicts = Vec::new();
     for (k, robot) in scenario.robot.iter().enumerate() {
         let referee = &world.referees[k];
-        let judge = &referee.judges[0];
+        let judge = &referee.judge(0);
         if referee.has_task {
             let verdict = match judge.verdict() {
                 Verdict::Passed => "passed",

@@ -13,13 +13,10 @@ mod slot;
 
 use std::collections::BTreeMap;
 
-use appell_model::lanes::LANES_MAX;
-use appell_model::lanewise::Lanewise;
 use appell_model::scalar::{Mask, Scalar};
-use appell_model::wide::widest;
 
 use crate::block::{Block, BlockError, Detail, Now, finite_lanes};
-use crate::judge::{Judge, Rings, Verdict};
+use crate::judge::{Judge, Verdict};
 use crate::layout::Layout;
 use crate::record::{Event, RecordError, Recorder};
 use crate::signal::Signal;
@@ -27,22 +24,12 @@ use crate::signal::Signal;
 use changes::Roster;
 pub(crate) use changes::{Change, To};
 pub use changes::{Failure, Swapped};
-use look::Look;
+pub(crate) use look::Referee;
 use slot::{Due, Shared, Slot, gcd};
 
-/// What judges a robot.
-pub(crate) struct Referee<T: Scalar> {
-    pub robot: String,
-    /// One for each lane.
-    pub judges: Vec<Judge<T::Single>>,
-    rings: Rings<T>,
-    pub has_task: bool,
-    /// Its looks.
-    due: Due,
-    /// Columns of x, y, forward and left speed.
-    watched: [usize; 4],
-    /// Column of the clearance.
-    clearance: usize,
+/// A mask with another value in one lane.
+fn with<M: Mask>(mask: M, lane: usize, value: bool) -> M {
+    M::from_lanes(|i| if i == lane { value } else { mask.lane(i) })
 }
 
 /// Robots, their blocks and the table of signals, of one trial or of several in lanes.
@@ -54,8 +41,11 @@ pub struct World<T: Scalar = f64> {
     /// The tick at which each lane's trial began, and its own ticks since.
     begun: Vec<u64>,
     ticks: Vec<u64>,
-    /// Which lanes have a trial that goes on.
-    running: Vec<bool>,
+    /// Which lanes have a trial that goes on, and the first tick at which time is up for one of them.
+    running: T::Mask,
+    next_end: u64,
+    /// Whether a judge has decided since it was asked for last.
+    has_decided: bool,
     /// What broke trials off since it was asked for last.
     broken: Vec<(usize, SimError)>,
     record: Due,
@@ -318,18 +308,11 @@ impl<T: Scalar> World<T> {
         let plants: Vec<Slot<T>> = plants.into_iter().map(slot).collect();
         let referees: Vec<Referee<T>> = judges
             .into_iter()
-            .map(
-                |(robot, judge, layout, has_task, period, clearance)| Referee {
-                    watched: ["pose.x", "pose.y", "twist.forward", "twist.left"]
-                        .map(|path| index[&format!("robot.{robot}.{path}")]),
-                    robot,
-                    judges: vec![judge; T::LANES],
-                    rings: Rings::new(&layout),
-                    has_task,
-                    due: Due::every(period),
-                    clearance,
-                },
-            )
+            .map(|(robot, judge, layout, has_task, period, clearance)| {
+                let watched = ["pose.x", "pose.y", "twist.forward", "twist.left"]
+                    .map(|path| index[&format!("robot.{robot}.{path}")]);
+                Referee::new(robot, judge, &layout, has_task, period, watched, clearance)
+            })
             .collect();
         // A plant's motion is read by the blocks wired to it and by its judge.
         let readings = plants
@@ -353,7 +336,9 @@ impl<T: Scalar> World<T> {
             end: parts.end,
             begun: vec![0; T::LANES],
             ticks: vec![0; T::LANES],
-            running: vec![true; T::LANES],
+            running: T::Mask::splat(true),
+            next_end: parts.end,
+            has_decided: false,
             broken: Vec::with_capacity(T::LANES),
             record: Due::every(parts.record),
             row: vec![T::zero(); signals.len()],
@@ -373,7 +358,7 @@ impl<T: Scalar> World<T> {
             events: Vec::with_capacity(64),
         };
         world.observe_everything();
-        world.judge(None);
+        world.begin_judging(T::Mask::splat(true));
         world
     }
 
@@ -429,10 +414,7 @@ impl<T: Scalar> World<T> {
                     let slot = controllers.next();
                     slot.is_some_and(|slot| like(slot, one.block.as_ref(), one.period))
                 })
-                && referee.robot == robot.name
-                && referee.has_task == robot.has_task
-                && referee.due.period == robot.judge_period
-                && referee.rings.beacons.len() == robot.layout.beacons.len();
+                && referee.fits(robot);
         }
         fit && sensors.next().is_none() && controllers.next().is_none()
     }
@@ -455,8 +437,7 @@ impl<T: Scalar> World<T> {
             for (slot, one) in pairs.take(robot.controllers.len()) {
                 slot.block.take(lane, one.block.any());
             }
-            referee.judges[lane] = robot.judge;
-            referee.rings.put(lane, &Rings::new(&robot.layout));
+            referee.appoint(lane, robot.judge, &robot.layout);
         }
         // What was told of a trial that never ran is not told.
         self.events.retain(|(of, _)| *of != lane);
@@ -467,9 +448,9 @@ impl<T: Scalar> World<T> {
         }
         self.begun[lane] = self.tick;
         self.ticks[lane] = 0;
-        self.running[lane] = true;
+        self.set_running(lane, true);
         self.observe_everything();
-        self.judge(Some(lane));
+        self.begin_judging(T::Mask::from_lanes(|i| i == lane));
     }
 
     /// Goes on to a time at which trials may begin, where none goes on.
@@ -480,7 +461,7 @@ impl<T: Scalar> World<T> {
 
     /// Goes on to a later tick, where no trial goes on.
     pub(crate) fn skip_to(&mut self, tick: u64) {
-        debug_assert!(self.running.iter().all(|runs| !runs), "a trial goes on");
+        debug_assert!(!self.running.any(), "a trial goes on");
         self.seek(tick);
     }
 
@@ -509,7 +490,7 @@ impl<T: Scalar> World<T> {
 
     /// Lets the sensors look that are due at this tick, before anything is decided.
     pub(crate) fn sense(&mut self) {
-        let t = T::from_lanes(|lane| self.time(lane));
+        let t = self.times();
         self.run_due(Stage::Sense, t);
     }
 
@@ -517,7 +498,7 @@ impl<T: Scalar> World<T> {
     pub(crate) fn verdict(&self, lane: usize) -> Option<Verdict> {
         let tasks = self.referees.iter().filter(|referee| referee.has_task);
         tasks
-            .map(|referee| referee.judges[lane].verdict())
+            .map(|referee| referee.verdict(lane))
             .reduce(|a, b| match (a, b) {
                 (Verdict::Failed, _) | (_, Verdict::Failed) => Verdict::Failed,
                 (Verdict::Running, _) | (_, Verdict::Running) => Verdict::Running,
@@ -537,13 +518,30 @@ impl<T: Scalar> World<T> {
 
     /// Leaves a lane empty; the others go on.
     pub(crate) fn clear(&mut self, lane: usize) {
-        self.running[lane] = false;
+        self.set_running(lane, false);
         self.events.retain(|(of, _)| *of != lane);
     }
 
     /// Time of a lane's trial, s.
     pub(crate) fn time(&self, lane: usize) -> f64 {
-        self.ticks[lane] as f64 * self.step
+        // Of numbers with a sign conversion is one instruction.
+        self.ticks[lane] as i64 as f64 * self.step
+    }
+
+    /// Time of all trials, s.
+    fn times(&self) -> T {
+        T::from_lanes(|lane| self.time(lane))
+    }
+
+    /// Says whether a lane has a trial that goes on.
+    fn set_running(&mut self, lane: usize, runs: bool) {
+        self.running = with(self.running, lane, runs);
+        self.next_end = u64::MAX;
+        for lane in 0..T::LANES {
+            if self.running.lane(lane) {
+                self.next_end = self.next_end.min(self.begun[lane] + self.end);
+            }
+        }
     }
 
     /// The present tick.
@@ -574,7 +572,12 @@ impl<T: Scalar> World<T> {
 
     /// Whether a lane has a trial that goes on.
     pub(crate) fn runs(&self, lane: usize) -> bool {
-        self.running[lane]
+        self.running.lane(lane)
+    }
+
+    /// How many lanes have a trial that goes on.
+    pub(crate) fn going(&self) -> usize {
+        (0..T::LANES).filter(|&lane| self.runs(lane)).count()
     }
 
     /// Makes a step and goes on while nothing is due but motion, for at most `limit` steps. Trials
@@ -584,38 +587,34 @@ impl<T: Scalar> World<T> {
         limit: u64,
         listener: &mut dyn Listener<T>,
     ) -> Result<bool, RecordError> {
-        let t = T::from_lanes(|lane| self.time(lane));
+        let t = self.times();
         self.run_due(Stage::Sense, t);
         self.change_controllers(t);
         self.run_due(Stage::Decide, t);
-        let mut ends = [false; LANES_MAX];
-        let mut any_ends = false;
-        for lane in 0..T::LANES {
-            if self.running[lane] {
-                ends[lane] = self.ticks[lane] >= self.end || self.is_decided(lane);
-                any_ends |= ends[lane];
-            }
+        let mut ends = T::Mask::splat(false);
+        if self.has_decided || self.tick >= self.next_end {
+            self.has_decided = false;
+            ends = T::Mask::from_lanes(|lane| {
+                self.running.lane(lane) && (self.ticks[lane] >= self.end || self.is_decided(lane))
+            });
         }
         if self.record.now(self.tick) {
-            let of = T::Mask::from_lanes(|lane| self.running[lane]);
-            self.frame(t, of, listener)?;
-        } else if any_ends {
-            let of = T::Mask::from_lanes(|lane| ends[lane] && self.running[lane]);
-            self.frame(t, of, listener)?;
+            self.frame(t, self.running, listener)?;
+        } else if ends.any() {
+            self.frame(t, ends, listener)?;
         }
-        let mut next = self.next_due();
-        let mut goes_on = false;
-        for lane in 0..T::LANES {
-            self.running[lane] &= !ends[lane];
-            if self.running[lane] {
-                goes_on = true;
-                next = next.min(self.begun[lane] + self.end);
+        if ends.any() {
+            for lane in 0..T::LANES {
+                if ends.lane(lane) {
+                    self.set_running(lane, false);
+                }
             }
         }
-        if !goes_on {
+        if !self.running.any() {
             self.tell_events(listener)?;
             return Ok(false);
         }
+        let next = self.next_due().min(self.next_end);
         let ahead = (next - self.tick).min(limit);
         let dt = ahead as f64 * self.step;
         for robot in 0..self.driving.len() {
@@ -634,7 +633,7 @@ impl<T: Scalar> World<T> {
         let tick = self.tick;
         for lane in 0..T::LANES {
             // A trial that broke off stays at its last instant.
-            if self.running[lane] {
+            if self.running.lane(lane) {
                 self.ticks[lane] = tick - self.begun[lane];
             }
         }
@@ -643,9 +642,13 @@ impl<T: Scalar> World<T> {
                 self.plants[self.driving[robot]].observe(Detail::Motion, &mut self.row);
             }
         }
-        self.judge(None);
+        for k in 0..self.referees.len() {
+            if self.referees[k].due.now(tick) {
+                self.look(k, self.running);
+            }
+        }
         self.tell_events(listener)?;
-        Ok(self.running.iter().any(|&runs| runs))
+        Ok(self.running.any())
     }
 
     /// Hands events on.
@@ -690,8 +693,8 @@ impl<T: Scalar> World<T> {
     #[cold]
     fn break_off(&mut self, error: BlockError, dt: f64) {
         for lane in 0..T::LANES {
-            if error.lanes & (1 << lane) != 0 && self.running[lane] {
-                self.running[lane] = false;
+            if error.lanes & (1 << lane) != 0 && self.running.lane(lane) {
+                self.set_running(lane, false);
                 let (error, t) = (error.clone(), self.time(lane) + dt);
                 self.broken.push((lane, SimError::Block { error, t }));
             }
@@ -734,7 +737,7 @@ impl<T: Scalar> World<T> {
         for referee in &self.referees {
             if referee.has_task {
                 tasks = true;
-                if referee.judges[lane].verdict() == Verdict::Running {
+                if referee.verdict(lane) == Verdict::Running {
                     return false;
                 }
             }
@@ -767,8 +770,8 @@ impl<T: Scalar> World<T> {
         for lane in 0..T::LANES {
             let is_endless = |value: &T| !value.lane(lane).is_finite();
             let found = self.row.iter().position(is_endless);
-            if let Some(k) = found.filter(|_| of.lane(lane) && self.running[lane]) {
-                self.running[lane] = false;
+            if let Some(k) = found.filter(|_| of.lane(lane) && self.running.lane(lane)) {
+                self.set_running(lane, false);
                 let (path, t) = (self.signals[k].path.clone(), self.time(lane));
                 self.broken.push((lane, SimError::NotFinite { path, t }));
             }
@@ -778,50 +781,6 @@ impl<T: Scalar> World<T> {
     fn observe_everything(&mut self) {
         for &k in &self.driving {
             self.plants[k].observe(Detail::Everything, &mut self.row);
-        }
-    }
-
-    /// Lets the judges look that are due, or those of a lane whose trial begins.
-    fn judge(&mut self, begins: Option<usize>) {
-        for referee in &mut self.referees {
-            if begins.is_none() && !referee.due.now(self.tick) {
-                continue;
-            }
-            let [x, y, forward, left] = referee.watched;
-            let motion = [self.row[x], self.row[y], self.row[forward], self.row[left]];
-            let judges = &referee.judges;
-            let before = |lane: usize| {
-                let position = [motion[0].single(lane), motion[1].single(lane)];
-                judges[lane].before(position)
-            };
-            let (nearest, seen) = widest::<T, _>(Look {
-                rings: &referee.rings,
-                before: [
-                    T::from_singles(|lane| before(lane)[0]),
-                    T::from_singles(|lane| before(lane)[1]),
-                ],
-                motion,
-            });
-            self.row[referee.clearance] = nearest;
-            for lane in 0..T::LANES {
-                if !self.running[lane] || begins.is_some_and(|only| only != lane) {
-                    continue;
-                }
-                let judge = &mut referee.judges[lane];
-                let t = <T::Single as From<f64>>::from(self.ticks[lane] as f64 * self.step);
-                let (glance, speed) = &seen[lane];
-                judge.take(t, *speed, glance);
-                for event in judge.take_events() {
-                    let event = Event {
-                        t: event.t,
-                        robot: referee.robot.clone(),
-                        kind: "task".into(),
-                        text: event.text,
-                        position: Some(event.position),
-                    };
-                    self.events.push((lane, event));
-                }
-            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use appell_sim::record::{Event, Header, RecordError, Recorder, Recording};
+use appell_sim::record::{Closing, Event, Header, RecordError, Recorder, Recording};
 use appell_sim::report::friction_used;
 use appell_sim::signal::Signal;
 use rustfft::FftPlanner;
@@ -308,7 +308,7 @@ impl History {
                 recorder.frame(self.times[k], &row)?;
             }
         }
-        recorder.finish(summary)
+        recorder.finish(&|| summary.clone())
     }
 }
 
@@ -327,7 +327,7 @@ impl Recorder for History {
         Ok(())
     }
 
-    fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
+    fn finish(&mut self, _summary: Closing<'_>) -> Result<(), RecordError> {
         Ok(())
     }
 }

@@ -68,6 +68,8 @@ struct Side<T: Scalar> {
     world: World<T>,
     meter: Meter<T>,
     seats: Vec<Option<Seat>>,
+    /// How many of them are taken.
+    taken: usize,
     cycle: u64,
 }
 
@@ -156,6 +158,7 @@ impl Worker<'_> {
             cycle: world.cycle(),
             world,
             seats: (0..T::LANES).map(|_| None).collect(),
+            taken: 1,
         };
         for lane in 1..T::LANES {
             side.world.clear(lane);
@@ -177,7 +180,8 @@ impl Worker<'_> {
 
     /// Gives empty lanes their next trials, at a time at which trials can begin.
     fn fill<T: Scalar<Single = f64>>(&self, side: &mut Side<T>, waiting: &mut Option<Ready>) {
-        if !side.world.tick().is_multiple_of(side.cycle) || waiting.is_some() {
+        let is_full = side.taken == T::LANES;
+        if is_full || waiting.is_some() || !side.world.tick().is_multiple_of(side.cycle) {
             return;
         }
         for lane in 0..T::LANES {
@@ -192,6 +196,7 @@ impl Worker<'_> {
                     continue;
                 }
                 side.seats[lane] = Some(ready.seat(|parts| side.world.put(lane, parts)));
+                side.taken += 1;
                 side.meter.clear(lane);
             }
         }
@@ -204,6 +209,9 @@ impl Worker<'_> {
         world
             .go(limit, meter)
             .expect("nothing is written that could fail");
+        if world.going() == side.taken {
+            return;
+        }
         for lane in 0..T::LANES {
             if world.runs(lane) {
                 continue;
@@ -211,6 +219,7 @@ impl Worker<'_> {
             let Some(seat) = side.seats[lane].take() else {
                 continue;
             };
+            side.taken -= 1;
             let error = world.take_error(lane);
             let account = Account {
                 scenario: &seat.loaded.scenario,
@@ -242,7 +251,7 @@ impl Ready {
 
 impl<T: Scalar> Side<T> {
     fn is_busy(&self) -> bool {
-        self.seats.iter().any(Option::is_some)
+        self.taken > 0
     }
 }
 

@@ -340,7 +340,7 @@ const ODOMETRY: &str =
 const QUICK_ROOT: &str = "1b40813046f4ebbc858c9df2d8f3332a00806f4fae1ca1f821105f2286a4921f";
 
 /// The same in single precision.
-const NARROW_ROOT: &str = "8cda3a5189ca751f4853bffaeb2b523730c9d4616bae323137073e44c4466fdd";
+const NARROW_ROOT: &str = "f1946095b56bc9c5267783247d01106b2a9141b7773ff4ff7546c058445a3f91";
 
 /// The matrix of threads, lanes and shards; `crates/cli/tests/robust.rs` adds the build profiles.
 #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use appell_model::lanewise;
-use appell_model::lanewise::Alike;
+use appell_model::lanewise::{Alike, Lanewise};
 use appell_model::math::{hypot, wrap_angle};
 use appell_model::scalar::{Mask, Scalar};
 
@@ -38,6 +38,8 @@ pub struct Follower<T: Scalar> {
     /// Heading at the start, rad.
     start: T,
     state: State<T>,
+    /// The point of the path at its progress.
+    foot: Found<T>,
 }
 
 /// What the follower remembers.
@@ -99,8 +101,24 @@ lanewise!(Follower { law, heading, turns } state {
     yaw_acceleration,
     lookahead,
     start,
-    state
+    state,
+    foot
 });
+
+/// A point of the path that need not be looked up again, unless another trial came into a lane.
+struct Found<T>(Option<Foot<T>>);
+
+impl<T: Scalar> Lanewise for Found<T> {
+    type One = Found<f64>;
+
+    fn fits(&self, _one: &Found<f64>) -> bool {
+        true
+    }
+
+    fn put(&mut self, _lane: usize, _one: &Found<f64>) {
+        self.0 = None;
+    }
+}
 
 /// A follower of a path for robot `name`, its tuning at the path `base` of the scenario, which starts with a heading, rad, and may be able to turn on
 /// the spot.
@@ -135,7 +153,7 @@ pub fn path_follower<T: Scalar>(
         },
     };
     let follower = Follower {
-        path: Tracks::new(path.clone(), Arc::new(path.squared_limits(&limits))),
+        path: Tracks::new(path, Arc::new(path.squared_limits(&limits))),
         law: Alike(tuning.law),
         heading: Alike(tuning.heading),
         speed,
@@ -147,6 +165,7 @@ pub fn path_follower<T: Scalar>(
         turns,
         start: heading,
         state: State::of([T::zero(); 6]),
+        foot: Found(None),
     };
     // The true position serves only to report the true offset.
     let inputs = vec![
@@ -170,6 +189,7 @@ pub fn path_follower<T: Scalar>(
 }
 
 /// A point of a path with its directions.
+#[derive(Clone, Copy)]
 struct Foot<T> {
     point: Point<T>,
     /// Of the heading of the path.
@@ -195,26 +215,31 @@ impl<T: Scalar> Follower<T> {
         Foot { point, cos, sin }
     }
 
-    /// Moves the point that the errors are taken from on by a period `dt`, s.
+    /// Moves the point that the errors are taken from on by a period `dt`, s; where it comes to.
     #[inline(always)]
-    fn progress(&self, state: &mut State<T>, x: T, y: T, dt: T) {
+    fn progress(&self, state: &mut State<T>, x: T, y: T, dt: T) -> Foot<T> {
+        let mut foot = match self.foot.0 {
+            Some(foot) => foot,
+            None => self.foot(state.progress),
+        };
         if self.law.0 == Law::Kanayama {
             // The reference goes its own way, but waits for a robot that is far behind.
-            let [along, _] = self.foot(state.progress).beside(x, y);
+            let [along, _] = foot.beside(x, y);
             let patience = T::from(2.0) + along / self.lookahead;
             let step = clamp(patience, T::zero(), T::one()) * state.speed * dt;
             state.progress = (state.progress + step).min(self.path.length);
-            return;
+            return self.foot(state.progress);
         }
         // The foot of the robot on the path moves forward only, and no faster than twice the robot.
         let reach = T::from(2.0) * (state.speed + self.acceleration * dt) * dt;
         for _ in 0..2 {
-            let foot = self.foot(state.progress);
             let [along, offset] = foot.beside(x, y);
             let bend = (T::one() - foot.point.curvature * offset).max(T::from(0.2));
             let step = clamp(along / bend, T::zero(), reach);
             state.progress = (state.progress + step).min(self.path.length);
+            foot = self.foot(state.progress);
         }
+        foot
     }
 
     /// Speed along the path, m/s, for a robot `offset` beside it.
@@ -234,8 +259,8 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let [x, y, yaw] = [input[0], input[1], input[2]];
         let (zero, dt) = (T::zero(), T::from(now.dt));
         let mut state = self.state;
-        self.progress(&mut state, x, y, dt);
-        let foot = self.foot(state.progress);
+        let foot = self.progress(&mut state, x, y, dt);
+        self.foot = Found(Some(foot));
         let Point {
             place: point,
             heading,
@@ -351,6 +376,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
             best.1 = T::select(nearer, s, best.1);
         }
         let [forward, left] = [before[0], before[1]];
+        self.foot = Found(None);
         self.state = State {
             progress: best.1,
             speed: hypot(forward, left),
@@ -368,6 +394,7 @@ impl<T: Scalar> Kernel<T> for Follower<T> {
         let mut numbers = [T::zero(); 6];
         let used = restore_numbers(&mut numbers, bytes)?;
         self.state = State::of(numbers);
+        self.foot = Found(None);
         Some(used)
     }
 }

@@ -14,8 +14,9 @@ pub struct Track {
     /// Arc length between neighboring points, m.
     ds: f64,
     length: f64,
-    /// x, y, heading, curvature; two at least, for each is read with the next.
-    points: Vec<[f64; 4]>,
+    /// x, y, heading and curvature of each point but the last, and those of the next: what is read together stands
+    /// together.
+    rows: Arc<[[f64; 8]]>,
 }
 
 impl Track {
@@ -25,21 +26,33 @@ impl Track {
             let [x, y] = path.points[k];
             [x, y, path.heading[k], path.curvature[k]]
         };
-        let mut points: Vec<[f64; 4]> = (0..path.points.len()).map(point).collect();
-        if let [only] = points[..] {
-            points.push(only);
-        }
+        let last = path.points.len() - 1;
+        let row = |k: usize| {
+            let ([x, y, heading, curvature], next) = (point(k), point(last.min(k + 1)));
+            let [ahead_x, ahead_y, ahead_heading, ahead_curvature] = next;
+            [
+                x,
+                y,
+                heading,
+                curvature,
+                ahead_x,
+                ahead_y,
+                ahead_heading,
+                ahead_curvature,
+            ]
+        };
         Track {
             ds: path.ds,
             length: path.length,
-            points,
+            rows: (0..last.max(1)).map(row).collect(),
         }
     }
 
     /// Squared largest speed at each point that keeps the limits, from rest to rest, m²/s²: speed, m/s,
     /// acceleration along and across the path, m/s², and yaw rate, rad/s.
     pub fn squared_limits<T: Scalar>(&self, limits: &SpeedLimits<T>) -> Vec<T> {
-        let curvature = self.points.iter().map(|point| point[3]);
+        let last = self.rows[self.rows.len() - 1][7];
+        let curvature = self.rows.iter().map(|row| row[3]).chain([last]);
         let speed = speed_profile(curvature, self.ds, limits).into_iter();
         speed.map(|v| v * v).collect()
     }
@@ -48,7 +61,7 @@ impl Track {
 /// The paths of all lanes, with their speed limits.
 #[derive(Clone, Debug)]
 pub struct Tracks<T: Scalar> {
-    paths: Vec<Arc<Track>>,
+    rows: Vec<Arc<[[f64; 8]]>>,
     /// Squared speed limit at each point, m²/s².
     limits: Vec<Arc<Vec<T::Single>>>,
     ds: T,
@@ -71,12 +84,12 @@ pub struct Point<T> {
 
 impl<T: Scalar> Tracks<T> {
     /// The same path in all lanes.
-    pub fn new(path: Arc<Track>, limits: Arc<Vec<T::Single>>) -> Self {
+    pub fn new(path: &Track, limits: Arc<Vec<T::Single>>) -> Self {
         Tracks {
             ds: T::from(path.ds),
             length: T::from(path.length),
-            last: T::from((path.points.len() - 1) as f64),
-            paths: vec![path; T::LANES],
+            last: T::from(path.rows.len() as f64),
+            rows: vec![path.rows.clone(); T::LANES],
             limits: vec![limits; T::LANES],
         }
     }
@@ -104,10 +117,8 @@ impl<T: Scalar> Tracks<T> {
         // A point and the next.
         let mut rows = [&[0.0; 8]; LANES_MAX];
         for lane in 0..T::LANES {
-            let points = &self.paths[lane].points;
-            let k = index(whole, lane).min(points.len() - 2);
-            let both = points[k..k + 2].as_flattened();
-            rows[lane] = both.try_into().expect("two points of four numbers");
+            let path = &self.rows[lane];
+            rows[lane] = &path[index(whole, lane).min(path.len() - 1)];
         }
         let columns = T::columns(&rows);
         let mut mixed = [T::zero(); 4];
@@ -157,7 +168,7 @@ impl<T: Scalar> Lanewise for Tracks<T> {
     }
 
     fn put(&mut self, lane: usize, one: &Tracks<f64>) {
-        self.paths[lane] = one.paths[0].clone();
+        self.rows[lane] = one.rows[0].clone();
         let limits: &dyn std::any::Any = &one.limits[0];
         self.limits[lane] = match limits.downcast_ref::<Arc<Vec<T::Single>>>() {
             Some(same) => same.clone(),

@@ -1,10 +1,12 @@
 //! Signals of a plant: what it is commanded by, and what is known of it.
 
-use appell_model::platform::Platform;
+use appell_model::platform::{BODY_OUTPUTS, LEDGER, Platform, WheelOutput, YAW};
 use appell_model::scalar::Scalar;
+use appell_model::slip::SLIP_OUTPUTS;
 use appell_model::wheel::{Steering, Wheel};
+use appell_model::wide::Job;
 
-use crate::block::Port;
+use crate::block::{Detail, Port};
 use crate::scenario::Level;
 use crate::signal::Signal;
 
@@ -125,4 +127,147 @@ pub(super) fn ports<T: Scalar>(
         }
     }
     (inputs, outputs)
+}
+
+/// Where outputs come from, in the order of [`ports`]: pairs of their place and that in the model's state, and in
+/// its outputs.
+pub(super) struct Sources {
+    state: Vec<[usize; 2]>,
+    model: Vec<[usize; 2]>,
+    /// How many of either are motion.
+    motion: [usize; 2],
+    /// Place of what the energy ledger does not explain.
+    pub residual: Option<usize>,
+    /// Outputs so far.
+    count: usize,
+}
+
+impl Sources {
+    /// Those of a plant, which may have forces, be on uneven ground with its height, roll and pitch in the state,
+    /// have more wheels driven than directions to go, or be watched for tipping over.
+    pub fn new<T: Scalar>(
+        platform: &Platform<T>,
+        has_forces: bool,
+        attitude: Option<usize>,
+        is_overdriven: bool,
+        tips: bool,
+    ) -> Self {
+        let layout = platform.layout();
+        let mut sources = Sources {
+            state: Vec::new(),
+            model: Vec::new(),
+            motion: [0; 2],
+            residual: None,
+            count: 0,
+        };
+        for at in [0, 1, YAW] {
+            sources.add_state(at);
+        }
+        for at in 0..3 {
+            sources.add_model(at);
+        }
+        let mut swivels = 0;
+        for i in 0..layout.wheels {
+            sources.add_state(layout.spin(i));
+            sources.add_model(layout.wheel_output(i, WheelOutput::SpinRate));
+            if layout.swivels.get(swivels) == Some(&i) {
+                sources.add_state(layout.swivel(swivels));
+                sources.add_model(layout.wheel_output(i, WheelOutput::SteeringRate));
+                swivels += 1;
+            }
+        }
+        if let Some(at) = attitude {
+            (at..at + 3).for_each(|at| sources.add_state(at));
+        }
+        sources.motion = [sources.state.len(), sources.model.len()];
+        if !has_forces {
+            if is_overdriven {
+                sources.add_model(BODY_OUTPUTS - 1);
+            }
+            return sources;
+        }
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let mut add = |of| sources.add_model(layout.wheel_output(i, of));
+            if command_signal(&wheel.drive).is_some() {
+                add(WheelOutput::Torque);
+            }
+            if matches!(wheel.drive, appell_model::drive::Drive::DcMotor(_)) {
+                add(WheelOutput::Current);
+            }
+            add(WheelOutput::Longitudinal);
+            add(WheelOutput::Lateral);
+            add(WheelOutput::Load);
+        }
+        for at in 3..6 {
+            sources.add_model(at);
+        }
+        for entry in 0..LEDGER {
+            sources.add_state(layout.ledger() + entry);
+        }
+        sources.residual = Some(sources.count);
+        sources.count += 1;
+        if tips {
+            sources.add_model(6);
+        }
+        sources
+    }
+
+    /// Adds those of [`contact_ports`], which stand in the model's outputs one after the other, and of the travel
+    /// of springs.
+    pub fn add_contacts<T: Scalar>(
+        &mut self,
+        platform: &Platform<T>,
+        at: usize,
+        travel: Option<usize>,
+    ) {
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            if draws(wheel) {
+                let at = at + i * SLIP_OUTPUTS;
+                (at..at + SLIP_OUTPUTS).for_each(|at| self.add_model(at));
+            }
+        }
+        if let Some(at) = travel {
+            (at..at + platform.layout().wheels).for_each(|at| self.add_model(at));
+        }
+    }
+
+    fn add_state(&mut self, at: usize) {
+        self.state.push([self.count, at]);
+        self.count += 1;
+    }
+
+    fn add_model(&mut self, at: usize) {
+        self.model.push([self.count, at]);
+        self.count += 1;
+    }
+}
+
+/// Writes outputs of a state and a model's outputs, but for what the ledger does not explain.
+pub(super) struct Show<'a, T> {
+    pub sources: &'a Sources,
+    pub detail: Detail,
+    pub x: &'a [T],
+    pub y: &'a [T],
+    pub output: &'a mut [T],
+}
+
+impl<T: Scalar> Job for Show<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Sources { state, model, .. } = self.sources;
+        let [states, models] = match self.detail {
+            Detail::Motion => self.sources.motion,
+            Detail::Everything => [state.len(), model.len()],
+        };
+        for k in 0..states {
+            let [to, from] = state[k];
+            self.output[to] = self.x[from];
+        }
+        for k in 0..models {
+            let [to, from] = model[k];
+            self.output[to] = self.y[from];
+        }
+    }
 }

@@ -3,11 +3,10 @@
 use std::fs::File;
 use std::path::Path;
 
-use serde_json::Value;
-
 use super::outlet::{Outlet, Sink};
 use super::{
-    Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event, check_row,
+    Closing, Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event,
+    check_row,
 };
 use crate::signal::Signal;
 
@@ -93,7 +92,7 @@ impl<W: Sink> Recorder for Csv<W> {
         check_event(self.stage, event).map_err(|reason| self.outlet.refused(reason))
     }
 
-    fn finish(&mut self, _summary: &Value) -> Result<(), RecordError> {
+    fn finish(&mut self, _summary: Closing<'_>) -> Result<(), RecordError> {
         self.stage = Stage::Finished;
         self.outlet.close()
     }

@@ -17,14 +17,13 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
 use std::path::Path;
 
-use serde_json::Value;
-
 use super::compression::{self, Compressor, Decompressor};
 use super::container::{FOOTER, MAGIC, PREFIX, Put, Take, op, record};
 use super::outlet::{Outlet, Sink};
 use super::protobuf::Layout;
 use super::{
-    Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event, check_row,
+    Closing, Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event,
+    check_row,
 };
 use crate::signal::Signal;
 
@@ -341,12 +340,12 @@ impl<W: Sink> Recorder for Mcap<W> {
         Ok(())
     }
 
-    fn finish(&mut self, summary: &Value) -> Result<(), RecordError> {
+    fn finish(&mut self, summary: Closing<'_>) -> Result<(), RecordError> {
         match self.stage {
             Stage::Created => return Err(self.outlet.refused("begin must come first".to_owned())),
             Stage::Open => {
                 self.close_chunk()?;
-                self.append_metadata(SUMMARY_NAME, &[("summary", &json(summary))]);
+                self.append_metadata(SUMMARY_NAME, &[("summary", &json(&summary()))]);
                 self.append_end();
                 self.stage = Stage::Finished;
             }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::{
-    Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event, check_row,
+    Closing, Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event,
+    check_row,
 };
 
 /// Keeps the rows; [`Memory::into_recording`] gives them as columns.
@@ -170,8 +171,8 @@ impl Recorder for Memory {
         Ok(())
     }
 
-    fn finish(&mut self, summary: &serde_json::Value) -> Result<(), RecordError> {
-        self.recording.summary = Some(summary.clone());
+    fn finish(&mut self, summary: Closing<'_>) -> Result<(), RecordError> {
+        self.recording.summary = Some(summary());
         self.recording.complete = true;
         self.stage = Stage::Finished;
         Ok(())

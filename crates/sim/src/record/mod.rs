@@ -148,8 +148,11 @@ pub trait Recorder: Send {
     ///
     /// # Errors
     /// Writing failed.
-    fn finish(&mut self, summary: &serde_json::Value) -> Result<(), RecordError>;
+    fn finish(&mut self, summary: Closing<'_>) -> Result<(), RecordError>;
 }
+
+/// What became of a run: put into data by those that write it, for of many robots it is long.
+pub type Closing<'a> = &'a dyn Fn() -> serde_json::Value;
 
 /// Takes a run and keeps nothing.
 #[derive(Clone, Copy, Debug)]
@@ -165,7 +168,7 @@ impl Recorder for Nothing {
     fn event(&mut self, _event: &Event) -> Result<(), RecordError> {
         Ok(())
     }
-    fn finish(&mut self, _summary: &serde_json::Value) -> Result<(), RecordError> {
+    fn finish(&mut self, _summary: Closing<'_>) -> Result<(), RecordError> {
         Ok(())
     }
 }
@@ -200,7 +203,7 @@ impl Recorder for Fan {
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         self.each(|recorder| recorder.event(event))
     }
-    fn finish(&mut self, summary: &serde_json::Value) -> Result<(), RecordError> {
+    fn finish(&mut self, summary: Closing<'_>) -> Result<(), RecordError> {
         self.each(|recorder| recorder.finish(summary))
     }
 }

@@ -20,11 +20,11 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{Type, TypePtr};
-use serde_json::Value;
 
 use super::outlet::{Outlet, Sink};
 use super::{
-    Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event, check_row,
+    Closing, Event, Header, RecordError, Recorder, Recording, Stage, check_begin, check_event,
+    check_row,
 };
 use crate::signal::Signal;
 
@@ -133,13 +133,13 @@ impl<W: Sink> Recorder for Parquet<W> {
         Ok(())
     }
 
-    fn finish(&mut self, summary: &Value) -> Result<(), RecordError> {
+    fn finish(&mut self, summary: Closing<'_>) -> Result<(), RecordError> {
         if self.stage == Stage::Open {
             self.close_group()?;
             let events = json(&self.events);
             self.with_writer(|writer, _| {
                 writer.append_key_value_metadata(pair("appell.events", events));
-                writer.append_key_value_metadata(pair("appell.summary", json(summary)));
+                writer.append_key_value_metadata(pair("appell.summary", json(&summary())));
                 writer.finish().map(drop)
             })?;
             self.stage = Stage::Finished;

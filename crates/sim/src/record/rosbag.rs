@@ -9,12 +9,12 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
-
 use super::compression::{self, Compressor, Decompressor};
 use super::container::{MAGIC, Put, Take, op, record};
 use super::outlet::Outlet;
-use super::{Event, Header, RecordError, Recorder, Stage, check_begin, check_event, check_row};
+use super::{
+    Closing, Event, Header, RecordError, Recorder, Stage, check_begin, check_event, check_row,
+};
 use crate::ros::message::{Message, definition};
 use crate::ros::{Service, Speaker, Topic};
 use crate::scenario::Scenario;
@@ -320,7 +320,7 @@ impl Recorder for Rosbag {
         check_event(self.stage, event).map_err(|reason| self.outlet.refused(reason))
     }
 
-    fn finish(&mut self, _summary: &Value) -> Result<(), RecordError> {
+    fn finish(&mut self, _summary: Closing<'_>) -> Result<(), RecordError> {
         match self.stage {
             Stage::Created => return Err(self.outlet.refused("begin must come first".to_owned())),
             Stage::Open => {

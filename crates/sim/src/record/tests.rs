@@ -87,7 +87,7 @@ fn run(recorder: &mut dyn Recorder, count: usize) -> Result<(), RecordError> {
             recorder.event(&event(index))?;
         }
     }
-    recorder.finish(&summary())
+    recorder.finish(&summary)
 }
 
 fn mcap_bytes(count: usize) -> Vec<u8> {
@@ -186,7 +186,7 @@ fn invariant_nan_keeps_its_bits() {
             ..event(0)
         };
         recorder.event(&lost).expect("there is room");
-        recorder.finish(&summary()).expect("there is room");
+        recorder.finish(&summary).expect("there is room");
         let recording = Recording::read(&path).expect("just written");
         assert_eq!(recording.columns[5][0].to_bits(), nan.to_bits());
         let [x, y] = recording.events[0]
@@ -214,7 +214,7 @@ fn invariant_csv_quotes_and_truncation() {
         .expect("valid");
     recorder.frame(0.0, &[1.5]).expect("valid");
     recorder.frame(0.5, &[-0.0]).expect("valid");
-    recorder.finish(&summary()).expect("a Vec takes everything");
+    recorder.finish(&summary).expect("a Vec takes everything");
     let bytes = recorder.into_sink();
     let read = |bytes: &[u8]| csv::read(Path::new("run.csv"), bytes);
     let recording = read(&bytes).expect("whole");
@@ -398,7 +398,7 @@ fn run_patiently(recorder: &mut dyn Recorder, count: usize) -> Result<(), Record
             patiently(|| recorder.event(&event(index)))?;
         }
     }
-    patiently(|| recorder.finish(&summary()))
+    patiently(|| recorder.finish(&summary))
 }
 
 type Open = fn(Disk) -> Box<dyn Recorder>;
@@ -539,7 +539,7 @@ fn invariant_any_path_round_trips() {
     recorder.begin(&header).expect("valid");
     let row: Vec<f64> = (0..paths.len()).map(|index| index as f64).collect();
     recorder.frame(0.25, &row).expect("valid");
-    recorder.finish(&summary()).expect("a Vec takes everything");
+    recorder.finish(&summary).expect("a Vec takes everything");
     let recording = read_mcap(&recorder.into_sink()).expect("just written");
     for (path, value) in paths.iter().zip(row) {
         assert_eq!(recording.column(path), Some(&[value][..]));
@@ -562,7 +562,7 @@ fn invariant_size_is_bounded() {
     for index in 0..6000 {
         recorder.frame(time(index), &[0.1; 60]).expect("valid");
     }
-    recorder.finish(&summary()).expect("a Vec takes everything");
+    recorder.finish(&summary).expect("a Vec takes everything");
     let size = recorder.into_sink().len();
     // 16 bytes of index and 3 stamps for each of two messages a row, and 0.3 KiB a chunk.
     assert!(size < 6000 * 80 + 240 * 1200, "{size} bytes");

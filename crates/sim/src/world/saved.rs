@@ -15,7 +15,7 @@ impl World {
             slot.block.save(&mut bytes);
         }
         for referee in &self.referees {
-            let judge = serde_json::to_vec(&referee.judges[0]).expect("a judge is plain data");
+            let judge = serde_json::to_vec(&referee.judge(0)).expect("a judge is plain data");
             save_text(&judge, &mut bytes);
         }
         bytes
@@ -54,13 +54,14 @@ impl World {
         }
         for referee in &mut self.referees {
             let judge = saved_text(bytes.get(at..)?)?;
-            referee.judges[0] = serde_json::from_slice(judge).ok()?;
+            referee.resume(serde_json::from_slice(judge).ok()?);
             at += 8 + judge.len();
         }
         // What this world would have told of its own begin is not told.
         self.events.clear();
         self.ticks[0] = tick;
-        self.running[0] = true;
+        self.set_running(0, true);
+        self.has_decided = true;
         self.seek(tick);
         (at == bytes.len()).then_some(())
     }

@@ -144,7 +144,7 @@ fn invariant_the_error_is_the_pose_of_the_path_in_the_robots_axes() {
         radius: 2.0,
         angle_deg: 90.0,
     }]);
-    let tracks = Tracks::<f64>::new(Arc::new(Track::new(&path)), Arc::default());
+    let tracks = Tracks::<f64>::new(&Track::new(&path), Arc::default());
     for k in 0..20 {
         let pose = [
             0.1 * f64::from(k),
