@@ -246,3 +246,69 @@ fn non_finite_motion_fails() {
     );
     assert_eq!(judge.verdict(), Verdict::Failed);
 }
+
+/// Random ways through all tasks: a judge that is woken where something can happen decides as one that looks
+/// at every sample does.
+#[test]
+fn invariant_a_judge_that_is_woken_misses_nothing() {
+    let layout = layout(&[[2.0, 2.0], [3.2, 2.0], [4.4, 2.0]], [0.6, 2.0]);
+    let pair = [0, 1];
+    let chain = vec![0, 1, 2];
+    let goals = [
+        Goal::Homing {
+            beacon: 1,
+            distance: 0.6,
+            speed: 0.01,
+            hold: 0.3,
+        },
+        Goal::Gate {
+            pair,
+            direction: 0,
+            exit: 0.4,
+        },
+        Goal::Eight {
+            pair,
+            laps: 1,
+            close: 0.5,
+        },
+        Goal::Slalom {
+            chain,
+            first_side: 0,
+            offset_max: 1.5,
+        },
+    ];
+    for (kind, goal) in goals.iter().enumerate() {
+        let mut events = 0;
+        let mut decided = [0; 3];
+        for way in 0..400 {
+            let stream = crate::noise::Stream::new(kind as u64, way, "way");
+            let mut woken = Judge::<f64>::new(&layout, Some(goal));
+            let mut eager = woken.clone();
+            let [mut x, mut y, mut heading] = [0.6, 2.0, 0.0];
+            for k in 0..600 {
+                let [bend, share] = stream.normals(k);
+                // Some stop for half a second, where they are.
+                let step = match (k + 7 * way) % 200 {
+                    ..50 => 0.0,
+                    _ => 0.03 * share.abs(),
+                };
+                heading += 0.15 * bend + 0.02;
+                let (sin, cos) = Scalar::sin_cos(heading);
+                (x, y) = (x + step * cos, y + step * sin);
+                let (t, speed) = (0.01 * k as f64, 100.0 * step);
+                eager.watch.calm = 0.0;
+                eager.observe(t, [x, y], speed);
+                woken.observe(t, [x, y], speed);
+                events += eager.events.len();
+                assert_eq!(woken.take_events(), eager.take_events());
+                assert_eq!(woken.verdict(), eager.verdict());
+            }
+            assert_eq!(woken.reason(), eager.reason());
+            assert_eq!(woken.metrics(), eager.metrics());
+            decided[woken.verdict() as usize] += 1;
+        }
+        // Else nothing would be shown.
+        assert!(events > 20, "task {kind}: {events} events");
+        assert!(decided[Verdict::Failed as usize] > 20, "{decided:?}");
+    }
+}
