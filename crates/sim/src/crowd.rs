@@ -158,7 +158,6 @@ impl Crowd {
             for member in built {
                 let mut member = member?;
                 member.place = alone.robot.len();
-                member.expected = expected(&member);
                 paths.push(member.path.take());
                 assignments.push(member.assignment.take());
                 integrators.extend(member.integrators.clone());
@@ -317,10 +316,9 @@ impl Crowd {
 }
 
 /// How long a robot is about to take, s: along its path, after it has turned on the spot.
-fn expected(member: &Member) -> f64 {
-    let robot = &member.loaded.scenario.robot[0];
+fn expected(robot: &Robot, path: Option<&Path>) -> f64 {
     let tuning = robot.controllers().find_map(|(_, one)| one.follower());
-    let (Some(path), Some(tuning)) = (&member.path, tuning) else {
+    let (Some(path), Some(tuning)) = (path, tuning) else {
         return 0.0;
     };
     let limits = SpeedLimits {
@@ -349,6 +347,7 @@ fn build(
     let own = individual(loaded, mold, template, robot, trial, &name)?;
     let assembly = assemble(&own, trial, plans, &Values::new(&[]))?;
     let path = assembly.paths.into_iter().next().flatten();
+    let expected = expected(&own.scenario.robot[0], path.as_deref());
     Ok(Member {
         place: 0,
         name,
@@ -358,7 +357,7 @@ fn build(
         parts: assembly.parts,
         path: path.map(|path| Path::clone(&path)),
         assignment: assembly.assignments.into_iter().next().flatten(),
-        expected: 0.0,
+        expected,
         is_whole: robot.count == 1,
     })
 }

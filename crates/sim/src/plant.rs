@@ -17,7 +17,6 @@ use appell_model::planar::vec2;
 use appell_model::platform::{LEDGER, Layout, Platform};
 use appell_model::rolling::Rolling;
 use appell_model::scalar::{Mask, Scalar};
-use appell_model::wide::{Job, widest};
 
 use crate::block::{
     Block, BlockError, Detail, Now, Port, Recovery, finite_lanes, restore_numbers, save_numbers,
@@ -26,7 +25,7 @@ use crate::scenario::{Integrator, Level};
 
 pub use alone::Contacts;
 use alone::{Alone, Motion, on_footing, sliding, underivable};
-use ports::{Show, Sources, contact_ports, ports};
+use ports::{Outputs, inputs};
 pub use ports::{command_signal, steering_signal};
 
 /// A platform that moves.
@@ -35,7 +34,7 @@ pub struct Plant<T: Scalar = f64> {
     system: System<T>,
     method: Method<T>,
     inputs: Vec<Port>,
-    outputs: Vec<Port>,
+    outputs: Outputs,
     x: Vec<T>,
     u: Vec<T>,
     mode: Vec<T>,
@@ -43,7 +42,6 @@ pub struct Plant<T: Scalar = f64> {
     /// Where each command, and the brake, stand in the model's input.
     commands: Vec<usize>,
     brake: usize,
-    sources: Sources,
     /// Step of the physics, s.
     step: f64,
     /// Mechanical and magnetic energy at the start, J: where the ledger begins.
@@ -154,15 +152,7 @@ impl<T: Scalar> Plant<T> {
         } else {
             None
         };
-        let is_uneven = alone.as_ref().is_some_and(|s| s.attitude().is_some());
-        let (inputs, mut outputs) = ports(&prefix, &platform, level, is_uneven);
-        // More wheels commanded than directions to go: they may disagree.
-        if level == Level::Kinematic && is_overdriven {
-            outputs.push(Port {
-                path: format!("{prefix}.internal_slip"),
-                unit: "rad/s".into(),
-            });
-        }
+        let inputs = inputs(&prefix, &platform, level);
         let (system, method) = if let Some(system) = alone {
             let at_rest = crate::build::rest_state(system.platform(), start.pose, &angles);
             let motion = Motion {
@@ -210,38 +200,9 @@ impl<T: Scalar> Plant<T> {
                 (System::Rolling(Box::new(system)), method)
             }
         };
-        if system.tips() {
-            outputs.push(Port {
-                path: format!("{prefix}.tip_margin"),
-                unit: "m".into(),
-            });
-        }
-        if let System::Alone(system) = &system
-            && system.contacts().is_some()
-        {
-            contact_ports(&prefix, system.platform(), &mut outputs);
-            if system.travel().is_some() {
-                outputs.extend(system.platform().wheels().iter().map(|wheel| Port {
-                    path: format!("{prefix}.wheel.{}.travel", wheel.name),
-                    unit: "m".into(),
-                }));
-            }
-        }
         let y = vec![T::zero(); system.outputs()];
-        let (has_forces, tips) = (system.has_forces(), system.tips());
-        let sources = match &system {
-            System::Alone(s) => {
-                let mut sources =
-                    Sources::new(s.platform(), has_forces, s.attitude(), is_overdriven, tips);
-                if let Some(at) = s.contacts() {
-                    sources.add_contacts(s.platform(), at, s.travel());
-                }
-                sources
-            }
-            _ => Sources::new(system.platform(), has_forces, None, is_overdriven, tips),
-        };
+        let outputs = Outputs::new(&prefix, &system, is_overdriven);
         let mut plant = Plant {
-            sources,
             name: prefix,
             system,
             method,
@@ -260,16 +221,9 @@ impl<T: Scalar> Plant<T> {
         Ok(plant)
     }
 
-    /// The outputs that are always up to date: pose, twist, wheel angles and rates, and on uneven ground
-    /// height, roll and pitch.
+    /// The outputs that are always up to date.
     pub(crate) fn motion_ports(&self) -> &[Port] {
-        let layout = self.layout();
-        let attitude = if self.system.attitude().is_some() {
-            3
-        } else {
-            0
-        };
-        &self.outputs[..6 + 2 * layout.wheels + 2 * layout.swivels.len() + attitude]
+        self.outputs.motion()
     }
 
     fn layout(&self) -> &Layout {
@@ -523,7 +477,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
     }
 
     fn outputs(&self) -> &[Port] {
-        &self.outputs
+        self.outputs.ports()
     }
 
     fn step(&mut self, now: &Now<'_, T>, input: &[T], _output: &mut [T]) -> Result<(), BlockError> {
@@ -566,7 +520,11 @@ impl<T: Scalar> Block<T> for Plant<T> {
         let names = |field: &str| format!("{}.{field}", self.name);
         let last = |field: &str| {
             let path = names(field);
-            let k = self.outputs.iter().position(|port| port.path == path);
+            let k = self
+                .outputs
+                .ports()
+                .iter()
+                .position(|port| port.path == path);
             k.map_or(T::zero(), |k| before[k])
         };
         let platform = self.system.platform();
@@ -622,14 +580,8 @@ impl<T: Scalar> Block<T> for Plant<T> {
     fn observe(&mut self, input: &[T], detail: Detail, output: &mut [T]) {
         self.take_input(input);
         self.look(detail == Detail::Motion);
-        widest::<T, _>(Show {
-            sources: &self.sources,
-            detail,
-            x: &self.x,
-            y: &self.y,
-            output,
-        });
-        if let (Detail::Everything, Some(at)) = (detail, self.sources.residual) {
+        self.outputs.show(detail, &self.x, &self.y, output);
+        if let (Detail::Everything, Some(at)) = (detail, self.outputs.residual()) {
             let &[supplied, windings, gears, friction] =
                 &self.x[self.layout().ledger()..][..LEDGER]
             else {
@@ -691,7 +643,7 @@ impl<T: Scalar> Block<T> for Plant<T> {
             (Method::Exponential(a), Method::Exponential(b)) => a.fits(b),
             _ => false,
         };
-        let ports = self.inputs == one.inputs && self.outputs == one.outputs;
+        let ports = self.inputs == one.inputs && self.outputs.ports() == one.outputs.ports();
         system && method && ports && self.step == one.step
     }
 
@@ -718,33 +670,11 @@ impl<T: Scalar> Block<T> for Plant<T> {
 impl<T: Scalar> Plant<T> {
     /// Ports to the model's input vector: the commands in order, then the brake.
     fn take_input(&mut self, input: &[T]) {
-        widest::<T, _>(Take {
-            commands: &self.commands,
-            brake: self.brake,
-            input,
-            u: &mut self.u,
-        });
-    }
-}
-
-/// See [`Plant::take_input`].
-struct Take<'a, T> {
-    commands: &'a [usize],
-    brake: usize,
-    input: &'a [T],
-    u: &'a mut [T],
-}
-
-impl<T: Scalar> Job for Take<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let count = self.commands.len();
-        for k in 0..count {
-            self.u[self.commands[k]] = self.input[k];
+        for (k, &at) in self.commands.iter().enumerate() {
+            self.u[at] = input[k];
         }
-        self.u[self.brake] = self.input[count].max(T::zero()).min(T::one());
+        let brake = input[self.commands.len()];
+        self.u[self.brake] = brake.max(T::zero()).min(T::one());
     }
 }
 

@@ -28,18 +28,10 @@ impl Track {
         };
         let last = path.points.len() - 1;
         let row = |k: usize| {
-            let ([x, y, heading, curvature], next) = (point(k), point(last.min(k + 1)));
-            let [ahead_x, ahead_y, ahead_heading, ahead_curvature] = next;
-            [
-                x,
-                y,
-                heading,
-                curvature,
-                ahead_x,
-                ahead_y,
-                ahead_heading,
-                ahead_curvature,
-            ]
+            let mut row = [0.0; 8];
+            row[..4].copy_from_slice(&point(k));
+            row[4..].copy_from_slice(&point(last.min(k + 1)));
+            row
         };
         Track {
             ds: path.ds,

@@ -4,11 +4,11 @@ use appell_model::platform::{BODY_OUTPUTS, LEDGER, Platform, WheelOutput, YAW};
 use appell_model::scalar::Scalar;
 use appell_model::slip::SLIP_OUTPUTS;
 use appell_model::wheel::{Steering, Wheel};
-use appell_model::wide::Job;
 
+use super::System;
+use super::alone::SIGNALS;
 use crate::block::{Detail, Port};
 use crate::scenario::Level;
-use crate::signal::Signal;
 
 /// Unit of the command of each kind of drive, and its name.
 pub fn command_signal<T>(
@@ -32,242 +32,182 @@ pub fn steering_signal(level: Level) -> (&'static str, &'static str) {
 }
 
 /// Whether the contact of a wheel draws a force at level `slip`, as those of casters do not.
-pub(super) fn draws<T: Scalar>(wheel: &Wheel<T>) -> bool {
+fn draws<T: Scalar>(wheel: &Wheel<T>) -> bool {
     !matches!(wheel.steering, Steering::Free { .. })
 }
 
-/// What is known of the contacts at level `slip`.
-pub(super) fn contact_ports<T: Scalar>(
-    prefix: &str,
-    platform: &Platform<T>,
-    outputs: &mut Vec<Port>,
-) {
-    for wheel in platform.wheels().iter().filter(|wheel| draws(wheel)) {
-        for (field, unit) in super::alone::SIGNALS {
-            outputs.push(Port {
-                path: format!("{prefix}.wheel.{}.{field}", wheel.name),
-                unit: unit.into(),
-            });
-        }
-    }
-}
-
-/// Inputs: a command per driven wheel, one per steering motor, then the brake. Outputs: see [`super::Plant::observe`].
-pub(super) fn ports<T: Scalar>(
-    prefix: &str,
-    platform: &Platform<T>,
-    level: Level,
-    is_uneven: bool,
-) -> (Vec<Port>, Vec<Port>) {
-    let signal = |path: String, unit: &str| Signal {
-        path: format!("{prefix}.{path}"),
-        unit: unit.to_owned(),
-    };
+/// A command per driven wheel, one per steering motor, then the brake.
+pub(super) fn inputs<T: Scalar>(prefix: &str, platform: &Platform<T>, level: Level) -> Vec<Port> {
     let mut inputs = Vec::new();
     for wheel in platform.wheels() {
         if let Some((name, unit)) = command_signal(&wheel.drive) {
-            inputs.push(signal(format!("wheel.{}.{name}", wheel.name), unit));
+            inputs.push(Port::new(
+                format!("{prefix}.wheel.{}.{name}", wheel.name),
+                unit,
+            ));
         }
     }
     for &i in &platform.layout().steered {
         let (name, unit) = steering_signal(level);
         let wheel = &platform.wheels()[i].name;
-        inputs.push(signal(format!("wheel.{wheel}.{name}"), unit));
+        inputs.push(Port::new(format!("{prefix}.wheel.{wheel}.{name}"), unit));
     }
-    inputs.push(signal("brake".into(), "1"));
-    let mut outputs = vec![
-        signal("pose.x".into(), "m"),
-        signal("pose.y".into(), "m"),
-        signal("pose.yaw".into(), "rad"),
-        signal("twist.forward".into(), "m/s"),
-        signal("twist.left".into(), "m/s"),
-        signal("twist.yaw_rate".into(), "rad/s"),
-    ];
-    for wheel in platform.wheels() {
-        let mut add =
-            |field: &str, unit| outputs.push(signal(format!("wheel.{}.{field}", wheel.name), unit));
-        add("spin_angle", "rad");
-        add("spin_rate", "rad/s");
-        if wheel.swivels() {
-            add("steering_angle", "rad");
-            add("steering_rate", "rad/s");
-        }
-    }
-    if is_uneven {
-        outputs.push(signal("pose.z".into(), "m"));
-        outputs.push(signal("pose.roll".into(), "rad"));
-        outputs.push(signal("pose.pitch".into(), "rad"));
-    }
-    if level != Level::Kinematic {
-        for wheel in platform.wheels() {
-            let mut add = |field: &str, unit| {
-                outputs.push(signal(format!("wheel.{}.{field}", wheel.name), unit))
-            };
-            if command_signal(&wheel.drive).is_some() {
-                add("torque", "N·m");
-            }
-            if matches!(wheel.drive, appell_model::drive::Drive::DcMotor(_)) {
-                add("current", "A");
-            }
-            add("force.longitudinal", "N");
-            add("force.lateral", "N");
-            add("load", "N");
-        }
-        for field in [
-            "kinetic",
-            "potential",
-            "magnetic",
-            "supplied",
-            "windings",
-            "gears",
-            "friction",
-            "residual",
-        ] {
-            outputs.push(signal(format!("energy.{field}"), "J"));
-        }
-    }
-    (inputs, outputs)
+    inputs.push(Port::new(format!("{prefix}.brake"), "1"));
+    inputs
 }
 
-/// Where outputs come from, in the order of [`ports`]: pairs of their place and that in the model's state, and in
-/// its outputs.
-pub(super) struct Sources {
+/// What is known of a plant: signals, and where each comes from.
+pub(super) struct Outputs {
+    prefix: String,
+    ports: Vec<Port>,
+    /// The place of an output, and that in the model's state.
     state: Vec<[usize; 2]>,
+    /// The place of an output, and that in the model's outputs.
     model: Vec<[usize; 2]>,
     /// How many of either are motion.
     motion: [usize; 2],
     /// Place of what the energy ledger does not explain.
-    pub residual: Option<usize>,
-    /// Outputs so far.
-    count: usize,
+    residual: Option<usize>,
 }
 
-impl Sources {
-    /// Those of a plant, which may have forces, be on uneven ground with its height, roll and pitch in the state,
-    /// have more wheels driven than directions to go, or be watched for tipping over.
-    pub fn new<T: Scalar>(
-        platform: &Platform<T>,
-        has_forces: bool,
-        attitude: Option<usize>,
-        is_overdriven: bool,
-        tips: bool,
-    ) -> Self {
+impl Outputs {
+    /// Those of a level; `is_overdriven` where more wheels are driven than there are directions to go.
+    pub fn new<T: Scalar>(prefix: &str, system: &System<T>, is_overdriven: bool) -> Self {
+        let platform = system.platform();
         let layout = platform.layout();
-        let mut sources = Sources {
+        let mut outputs = Outputs {
+            prefix: prefix.to_owned(),
+            ports: Vec::new(),
             state: Vec::new(),
             model: Vec::new(),
             motion: [0; 2],
             residual: None,
-            count: 0,
         };
-        for at in [0, 1, YAW] {
-            sources.add_state(at);
-        }
-        for at in 0..3 {
-            sources.add_model(at);
-        }
+        outputs.state("pose.x", "m", 0);
+        outputs.state("pose.y", "m", 1);
+        outputs.state("pose.yaw", "rad", YAW);
+        outputs.model("twist.forward", "m/s", 0);
+        outputs.model("twist.left", "m/s", 1);
+        outputs.model("twist.yaw_rate", "rad/s", 2);
         let mut swivels = 0;
-        for i in 0..layout.wheels {
-            sources.add_state(layout.spin(i));
-            sources.add_model(layout.wheel_output(i, WheelOutput::SpinRate));
-            if layout.swivels.get(swivels) == Some(&i) {
-                sources.add_state(layout.swivel(swivels));
-                sources.add_model(layout.wheel_output(i, WheelOutput::SteeringRate));
+        for (i, wheel) in platform.wheels().iter().enumerate() {
+            let path = |field: &str| format!("wheel.{}.{field}", wheel.name);
+            let of = |output| layout.wheel_output(i, output);
+            outputs.state(&path("spin_angle"), "rad", layout.spin(i));
+            outputs.model(&path("spin_rate"), "rad/s", of(WheelOutput::SpinRate));
+            if wheel.swivels() {
+                outputs.state(&path("steering_angle"), "rad", layout.swivel(swivels));
+                let rate = of(WheelOutput::SteeringRate);
+                outputs.model(&path("steering_rate"), "rad/s", rate);
                 swivels += 1;
             }
         }
-        if let Some(at) = attitude {
-            (at..at + 3).for_each(|at| sources.add_state(at));
+        if let Some(at) = system.attitude() {
+            outputs.state("pose.z", "m", at);
+            outputs.state("pose.roll", "rad", at + 1);
+            outputs.state("pose.pitch", "rad", at + 2);
         }
-        sources.motion = [sources.state.len(), sources.model.len()];
-        if !has_forces {
-            if is_overdriven {
-                sources.add_model(BODY_OUTPUTS - 1);
-            }
-            return sources;
+        outputs.motion = [outputs.state.len(), outputs.model.len()];
+        if system.has_forces() {
+            outputs.add_forces(system);
+        } else if is_overdriven {
+            // They may disagree.
+            outputs.model("internal_slip", "rad/s", BODY_OUTPUTS - 1);
         }
+        outputs
+    }
+
+    fn add_forces<T: Scalar>(&mut self, system: &System<T>) {
+        let platform = system.platform();
+        let layout = platform.layout();
         for (i, wheel) in platform.wheels().iter().enumerate() {
-            let mut add = |of| sources.add_model(layout.wheel_output(i, of));
+            let mut add = |field: &str, unit, of| {
+                let path = format!("wheel.{}.{field}", wheel.name);
+                self.model(&path, unit, layout.wheel_output(i, of));
+            };
             if command_signal(&wheel.drive).is_some() {
-                add(WheelOutput::Torque);
+                add("torque", "N·m", WheelOutput::Torque);
             }
             if matches!(wheel.drive, appell_model::drive::Drive::DcMotor(_)) {
-                add(WheelOutput::Current);
+                add("current", "A", WheelOutput::Current);
             }
-            add(WheelOutput::Longitudinal);
-            add(WheelOutput::Lateral);
-            add(WheelOutput::Load);
+            add("force.longitudinal", "N", WheelOutput::Longitudinal);
+            add("force.lateral", "N", WheelOutput::Lateral);
+            add("load", "N", WheelOutput::Load);
         }
-        for at in 3..6 {
-            sources.add_model(at);
+        self.model("energy.kinetic", "J", 3);
+        self.model("energy.potential", "J", 4);
+        self.model("energy.magnetic", "J", 5);
+        let entries: [_; LEDGER] = ["supplied", "windings", "gears", "friction"];
+        for (k, entry) in entries.iter().enumerate() {
+            self.state(&format!("energy.{entry}"), "J", layout.ledger() + k);
         }
-        for entry in 0..LEDGER {
-            sources.add_state(layout.ledger() + entry);
+        self.residual = Some(self.ports.len());
+        self.port("energy.residual", "J");
+        if system.tips() {
+            self.model("tip_margin", "m", 6);
         }
-        sources.residual = Some(sources.count);
-        sources.count += 1;
-        if tips {
-            sources.add_model(6);
-        }
-        sources
-    }
-
-    /// Adds those of [`contact_ports`], which stand in the model's outputs one after the other, and of the travel
-    /// of springs.
-    pub fn add_contacts<T: Scalar>(
-        &mut self,
-        platform: &Platform<T>,
-        at: usize,
-        travel: Option<usize>,
-    ) {
-        for (i, wheel) in platform.wheels().iter().enumerate() {
-            if draws(wheel) {
-                let at = at + i * SLIP_OUTPUTS;
-                (at..at + SLIP_OUTPUTS).for_each(|at| self.add_model(at));
+        if let System::Alone(system) = system
+            && let Some(contacts) = system.contacts()
+        {
+            for (i, wheel) in platform.wheels().iter().enumerate() {
+                for (k, (field, unit)) in SIGNALS.into_iter().enumerate() {
+                    if draws(wheel) {
+                        let path = format!("wheel.{}.{field}", wheel.name);
+                        self.model(&path, unit, contacts + i * SLIP_OUTPUTS + k);
+                    }
+                }
+            }
+            for (i, wheel) in platform.wheels().iter().enumerate() {
+                if let Some(at) = system.travel() {
+                    self.model(&format!("wheel.{}.travel", wheel.name), "m", at + i);
+                }
             }
         }
-        if let Some(at) = travel {
-            (at..at + platform.layout().wheels).for_each(|at| self.add_model(at));
-        }
     }
 
-    fn add_state(&mut self, at: usize) {
-        self.state.push([self.count, at]);
-        self.count += 1;
+    fn port(&mut self, path: &str, unit: &str) {
+        self.ports
+            .push(Port::new(format!("{}.{path}", self.prefix), unit));
     }
 
-    fn add_model(&mut self, at: usize) {
-        self.model.push([self.count, at]);
-        self.count += 1;
+    fn state(&mut self, path: &str, unit: &str, at: usize) {
+        self.state.push([self.ports.len(), at]);
+        self.port(path, unit);
     }
-}
 
-/// Writes outputs of a state and a model's outputs, but for what the ledger does not explain.
-pub(super) struct Show<'a, T> {
-    pub sources: &'a Sources,
-    pub detail: Detail,
-    pub x: &'a [T],
-    pub y: &'a [T],
-    pub output: &'a mut [T],
-}
+    fn model(&mut self, path: &str, unit: &str, at: usize) {
+        self.model.push([self.ports.len(), at]);
+        self.port(path, unit);
+    }
 
-impl<T: Scalar> Job for Show<'_, T> {
-    type Output = ();
+    pub fn ports(&self) -> &[Port] {
+        &self.ports
+    }
 
-    #[inline(always)]
-    fn run(self) {
-        let Sources { state, model, .. } = self.sources;
-        let [states, models] = match self.detail {
-            Detail::Motion => self.sources.motion,
-            Detail::Everything => [state.len(), model.len()],
+    /// Those that are always up to date: pose, twist, wheel angles and rates, and on uneven ground height, roll
+    /// and pitch.
+    pub fn motion(&self) -> &[Port] {
+        let [states, models] = self.motion;
+        &self.ports[..states + models]
+    }
+
+    /// Place of what the energy ledger does not explain, where there are forces.
+    pub fn residual(&self) -> Option<usize> {
+        self.residual
+    }
+
+    /// Writes the outputs of a state `x` and a model's outputs `y`, but for the residual.
+    pub fn show<T: Scalar>(&self, detail: Detail, x: &[T], y: &[T], output: &mut [T]) {
+        let [states, models] = match detail {
+            Detail::Motion => self.motion,
+            Detail::Everything => [self.state.len(), self.model.len()],
         };
-        for k in 0..states {
-            let [to, from] = state[k];
-            self.output[to] = self.x[from];
+        for &[to, from] in &self.state[..states] {
+            output[to] = x[from];
         }
-        for k in 0..models {
-            let [to, from] = model[k];
-            self.output[to] = self.y[from];
+        for &[to, from] in &self.model[..models] {
+            output[to] = y[from];
         }
     }
 }
